@@ -1,0 +1,18 @@
+"""Camera models, all in the frame x forward, y left, z up, behind one protocol."""
+
+from palletloc.cameras.dual_fisheye import DualFisheye, FisheyeLens
+from palletloc.cameras.equirectangular import Equirectangular
+from palletloc.cameras.kannala_brandt import KannalaBrandt
+from palletloc.cameras.pinhole import Pinhole
+from palletloc.cameras.protocol import CameraModel, Projection, Rays
+
+__all__ = [
+    "CameraModel",
+    "DualFisheye",
+    "Equirectangular",
+    "FisheyeLens",
+    "KannalaBrandt",
+    "Pinhole",
+    "Projection",
+    "Rays",
+]

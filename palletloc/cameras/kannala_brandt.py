@@ -1,0 +1,115 @@
+"""Fisheye lenses by a polynomial of the angle off axis, also beyond 90 degrees.
+
+J. Kannala, S. Brandt, "A generic camera model and calibration method for conventional, wide-angle, and
+fish-eye lenses", IEEE TPAMI 28(8), 2006: its radially symmetric part, with the coefficients of OpenCV.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from palletloc.cameras.image_area import blank_invalid, check_lens, check_size, inside_image
+from palletloc.cameras.odd_polynomial import OddPolynomial
+from palletloc.cameras.protocol import Projection, Rays
+from palletloc.geometry import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class KannalaBrandt:
+    """A fisheye whose optical axis is the camera's x, with the image's right at -y and its down at -z.
+
+    A point at the angle theta off axis appears at the radius
+    ``theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8)`` times the focal length.
+
+    Raises
+    ------
+    ValueError
+        If `max_angle` is not in (0, pi] or lies where the radius no longer grows with the angle.
+
+    Examples
+    --------
+    >>> lens = KannalaBrandt(1000, 1000, 250.0, 250.0, 499.5, 499.5, max_angle=np.radians(100))
+    >>> lens.project(np.array([0.0, -1.0, 0.0])).pixels.round(1)
+    array([892.2, 499.5])
+    """
+
+    width: int
+    """Image width in pixels."""
+    height: int
+    """Image height in pixels."""
+    fx: float
+    """Focal length along columns, in pixels per radian on the axis."""
+    fy: float
+    """Focal length along rows, in pixels per radian on the axis."""
+    cx: float
+    """Column of the optical axis."""
+    cy: float
+    """Row of the optical axis."""
+    k1: float = 0.0
+    """Coefficient of theta^3."""
+    k2: float = 0.0
+    """Coefficient of theta^5."""
+    k3: float = 0.0
+    """Coefficient of theta^7."""
+    k4: float = 0.0
+    """Coefficient of theta^9."""
+    max_angle: float = np.pi / 2
+    """Largest angle off axis that the lens sees, in radians."""
+    _radius: OddPolynomial = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Refuse parameters that describe no lens."""
+        coefficients = (self.k1, self.k2, self.k3, self.k4)
+        check_size(self.width, self.height)
+        check_lens(self.fx, self.fy, (self.cx, self.cy, *coefficients, self.max_angle))
+        if not 0 < self.max_angle <= np.pi:
+            raise ValueError(f"max_angle must be in (0, pi] radians, got {self.max_angle}")
+        radius = OddPolynomial(coefficients)
+        end = radius.increasing_until()
+        if end <= self.max_angle:
+            raise ValueError(
+                f"max_angle is {self.max_angle:.4f} rad, but the radius stops growing at {end:.4f} rad "
+                f"for k1..k4 = {coefficients}"
+            )
+        object.__setattr__(self, "_radius", radius)
+
+    @property
+    def period_px(self) -> float | None:
+        """The image does not close around."""
+        return None
+
+    def project(self, points_camera: FloatArray) -> Projection:
+        """Project points to pixels. See `CameraModel.project`."""
+        points = np.asarray(points_camera, dtype=np.float64)
+        forward, left, up = points[..., 0], points[..., 1], points[..., 2]
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            across = np.sqrt(left * left + up * up)
+            angle = np.arctan2(across, forward)
+            # Straight behind, and at the origin, every direction across is as good as any other.
+            valid = (angle <= self.max_angle) & ((across > 0) | (forward > 0))
+            scale = self._radius.factor(angle * angle)
+            scale *= angle / np.maximum(across, np.finfo(np.float64).tiny)
+            pixels = np.empty((*points.shape[:-1], 2))
+            pixels[..., 0] = self.cx - self.fx * scale * left
+            pixels[..., 1] = self.cy - self.fy * scale * up
+        valid &= inside_image(pixels, self.width, self.height)
+        valid &= np.isfinite(forward)
+        blank_invalid(pixels, valid)
+        return Projection(pixels, valid)
+
+    def unproject(self, pixels: FloatArray) -> Rays:
+        """Return the rays that pixels look along. See `CameraModel.unproject`."""
+        pixels = np.asarray(pixels, dtype=np.float64)
+        seen = np.where(inside_image(pixels, self.width, self.height)[..., None], pixels, np.nan)
+        right, down = (seen[..., 0] - self.cx) / self.fx, (seen[..., 1] - self.cy) / self.fy
+        radius = np.sqrt(right * right + down * down)
+        angle = self._radius.inverse(radius, self.max_angle)
+        across = np.sin(angle) / np.maximum(radius, np.finfo(np.float64).tiny)
+        directions = np.stack([np.cos(angle), -across * right, -across * down], axis=-1)
+        return Rays(directions, np.zeros_like(directions), np.isfinite(angle))
+
+    def centers(self, points_camera: FloatArray) -> FloatArray:
+        """Return the optical centre, the origin, for each point. See `CameraModel.centers`."""
+        return np.zeros(np.shape(points_camera))

@@ -1,0 +1,78 @@
+"""A place where a pallet may stand, and what every step found there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from scipy.spatial.transform import RigidTransform
+
+from palletloc.boundary import BoundaryLine
+from palletloc.face_fit import FaceEstimate
+from palletloc.geometry import FloatArray, Image, LevelPose
+from palletloc.joint_search import JointSearch
+from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
+from palletloc.mounting import Mounting
+from palletloc.pallet import PalletModel
+from palletloc.position import Sweep
+from palletloc.projection import Projector
+from palletloc.verification import Verification
+from palletloc.yaw import HorizontalView, YawEstimate
+
+
+@dataclass(frozen=True, slots=True)
+class ShotView:
+    """A shot with all that is needed to look at planes in it."""
+
+    image: Image
+    """The image."""
+    projector: Projector
+    """Of the camera that took it."""
+    mounting: Mounting
+    """Of that camera."""
+    camera_from_forklift: RigidTransform
+    """Inverse of the mounting."""
+
+
+@dataclass(slots=True)
+class Candidate:
+    """One candidate on its way through the steps, each of which leaves its result here."""
+
+    model: PalletModel
+    """What it may be."""
+    start: LevelPose
+    """``forklift_from_pallet`` where the steps begin."""
+    height: HeightPrior | None
+    """What is known of its height."""
+    score: float = 0.0
+    """Of its detection, 0 to 1."""
+    lines: list[BoundaryLine] = field(default_factory=list)
+    """Lines that the Hough transform found on the first horizontal view."""
+    horizontal: list[HorizontalView] = field(default_factory=list)
+    """The horizontal view, as first placed and after each correction."""
+    yaw: YawEstimate | None = None
+    """The yaw from the last horizontal view."""
+    sweep: Sweep | None = None
+    """The plane sweep."""
+    joint: JointSearch | None = None
+    """The joint search."""
+    face: FaceEstimate | None = None
+    """The fit of the face's edges."""
+    verification: Verification | None = None
+    """The checks of the final pose."""
+    pose: LevelPose | None = None
+    """``forklift_from_pallet`` as measured; None until it is."""
+    covariance: FloatArray | None = None
+    """(4, 4) of the measured (x, y, z, yaw)."""
+    yaw_from: YawSource = YawSource.FACE
+    """What gave the yaw."""
+    refusal: tuple[Stage, Reason] | None = None
+    """Where and why it was given up."""
+
+    @property
+    def rank(self) -> float:
+        """Its standing among candidates in one place, 0 to 1."""
+        return self.verification.rank if self.verification else self.score
+
+    def refuse(self, stage: Stage, reason: Reason) -> None:
+        """Give it up."""
+        self.refusal = (stage, reason)

@@ -1,0 +1,62 @@
+"""Every parameter in one place: the parts belong to the steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from palletloc.detection import DetectionConfig
+from palletloc.face_fit import FaceFitConfig
+from palletloc.joint_search import JointSearchConfig
+from palletloc.position import PositionConfig
+from palletloc.verification import VerificationConfig
+from palletloc.yaw import YawConfig
+
+
+class Method(StrEnum):
+    """How a pose is measured from where a pallet may stand."""
+
+    HORIZONTAL_PLANE = "horizontal_plane"
+    """Yaw from the horizontal plane by sub-pixel lines, position by the sweep and the face's edges."""
+    PAPER = "paper"
+    """As the paper states it: the Hough transform's angle, and the sweep without any height prior."""
+    JOINT_SEARCH = "joint_search"
+    """The paper's baseline: yaw and distance searched jointly in the vertical projection."""
+
+
+@dataclass(frozen=True, slots=True)
+class PriorConfig:
+    """What is known before anything is measured."""
+
+    level_sigma: float = 0.005
+    """How far loads stand from the known levels (one standard deviation), in metres."""
+    level_reach: float = 0.30
+    """How far from a known level a given start may be to belong to it, in metres."""
+    free_sigma: float = 0.30
+    """How far a pallet may stand from a start's height where no level is known, in metres."""
+    yaw_sigma_deg: float = 5.0
+    """How far a start's yaw may be off where only the face can give it, in degrees."""
+    drift_rate_deg_s: float = 0.3
+    """How fast the odometry's heading may drift, in degrees per second."""
+    max_drift_deg: float = 4.0
+    """How far it may drift in all, in degrees."""
+
+
+@dataclass(frozen=True, slots=True)
+class LocalizerConfig:
+    """Parameters of every step."""
+
+    prior: PriorConfig = field(default_factory=PriorConfig)
+    """What is known before anything is measured."""
+    detection: DetectionConfig = field(default_factory=DetectionConfig)
+    """Finding pallets on the shelf plane (paper's A)."""
+    yaw: YawConfig = field(default_factory=YawConfig)
+    """Yaw from the horizontal plane (B)."""
+    position: PositionConfig = field(default_factory=PositionConfig)
+    """Position by the plane sweep (C)."""
+    face_fit: FaceFitConfig = field(default_factory=FaceFitConfig)
+    """The edges of the face to a fraction of a pixel."""
+    verification: VerificationConfig = field(default_factory=VerificationConfig)
+    """The checks of the final pose."""
+    joint_search: JointSearchConfig = field(default_factory=JointSearchConfig)
+    """The baseline."""

@@ -1,0 +1,232 @@
+"""Every pallet of one shot: detect, measure each candidate, keep the best one in each place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from palletloc.baselines import measure_as_in_paper, measure_jointly
+from palletloc.cameras.protocol import CameraModel
+from palletloc.candidate import Candidate, ShotView
+from palletloc.config import LocalizerConfig, Method
+from palletloc.detection import Detection, ShelfView, detect
+from palletloc.geometry import Image, LevelPose
+from palletloc.measurement import HeightPrior, PalletMeasurement, Reason, Refusal, Stage
+from palletloc.mounting import Mounting
+from palletloc.pallet import PalletModel
+from palletloc.pipeline import measure_on_planes
+from palletloc.projection import Projector
+from palletloc.shelf import ShelfPlane
+from palletloc.verification import overlapping
+
+Measure = Callable[[ShotView, Candidate, LocalizerConfig], None]
+"""Measures a candidate in a shot: leaves a pose or a refusal in it."""
+
+METHODS: dict[Method, Measure] = {
+    Method.HORIZONTAL_PLANE: measure_on_planes,
+    Method.PAPER: measure_as_in_paper,
+    Method.JOINT_SEARCH: measure_jointly,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """A given place to begin from instead of a detection."""
+
+    model: str
+    """Name of the pallet model."""
+    forklift_from_pallet: LevelPose
+    """The pose."""
+
+
+@dataclass(frozen=True, slots=True)
+class Explanation:
+    """Everything that was found in one shot, stage by stage."""
+
+    time: float
+    """When the shot was exposed, in seconds."""
+    file: str
+    """The shot's image, as the recording names it."""
+    shelf_views: tuple[ShelfView, ...]
+    """What was searched for pallets."""
+    detections: tuple[Detection, ...]
+    """Where pallets may stand."""
+    candidates: tuple[Candidate, ...]
+    """Each with the results of its steps, in the order in which they were given or found."""
+
+    @property
+    def measurements(self) -> list[PalletMeasurement]:
+        """The poses of the pallets that passed every check."""
+        found = (measurement_of(candidate, self.time, self.file) for candidate in self.candidates)
+        return [one for one in found if one is not None]
+
+    @property
+    def refusals(self) -> list[Refusal]:
+        """The candidates that were given up."""
+        return [
+            Refusal(self.time, candidate.model.name, *candidate.refusal, self.file)
+            for candidate in self.candidates
+            if candidate.refusal is not None
+        ]
+
+
+def measurement_of(candidate: Candidate, time: float, file: str) -> PalletMeasurement | None:
+    """Return what a candidate measures; None where it was given up."""
+    if candidate.refusal is not None or candidate.pose is None or candidate.covariance is None:
+        return None
+    return PalletMeasurement(
+        time, candidate.model.name, candidate.pose, candidate.covariance, candidate.rank, candidate.yaw_from, file
+    )
+
+
+class Localizer:
+    """Finds the pose of every pallet in single shots of one camera.
+
+    Parameters
+    ----------
+    camera : CameraModel
+        The camera.
+    mounting : Mounting
+        Where it sits on the forklift.
+    models : iterable of PalletModel
+        What to look for.
+    method : Method
+        How poses are measured.
+    config : LocalizerConfig
+        Parameters of every step.
+
+    Notes
+    -----
+    Holds the camera's projection tables and no other state: shots may come in any order. Not to be shared by
+    threads.
+    """
+
+    def __init__(
+        self,
+        camera: CameraModel,
+        mounting: Mounting,
+        models: Iterable[PalletModel],
+        method: Method = Method.HORIZONTAL_PLANE,
+        config: LocalizerConfig | None = None,
+    ) -> None:
+        self.projector = Projector(camera)
+        self.mounting = mounting
+        self.models = {model.name: model for model in models}
+        if not self.models:
+            raise ValueError("a localizer needs at least one pallet model")
+        self.method = method
+        self.config = config or LocalizerConfig()
+
+    def localize(self, image: Image, time: float, shelf: ShelfPlane, file: str = "") -> list[PalletMeasurement]:
+        """Find every pallet on a shelf.
+
+        Parameters
+        ----------
+        image : (height, width) or (height, width, 3) array
+            The shot, gray or in blue-green-red order.
+        time : float
+            When it was exposed, in seconds.
+        shelf : ShelfPlane
+            Nominal front plane in the forklift frame at that time.
+        file : str
+            The image's name, for the results.
+
+        Returns
+        -------
+        list of PalletMeasurement
+            Empty where there is none.
+        """
+        return self.explain(image, time, shelf, file).measurements
+
+    def explain(self, image: Image, time: float, shelf: ShelfPlane, file: str = "") -> Explanation:
+        """Do what `localize` does and keep the result of every stage."""
+        shot = self._shot(image)
+        detections, views = detect(
+            self.projector,
+            image,
+            shelf,
+            self.mounting.forklift_from_camera,
+            list(self.models.values()),
+            self.config.detection,
+        )
+        candidates = [self._detected(detection) for detection in detections]
+        for i, candidate in enumerate(candidates):
+            self._measure(shot, candidate, candidates[:i])
+        exclude_overlaps(candidates)
+        return Explanation(time, file, tuple(views), tuple(detections), tuple(candidates))
+
+    def localize_from(
+        self, image: Image, time: float, starts: Sequence[Start], levels: Sequence[float] = (), file: str = ""
+    ) -> list[PalletMeasurement | None]:
+        """Measure pallets from given starts instead of detections.
+
+        Parameters
+        ----------
+        image, time, file
+            As for `localize`.
+        starts : sequence of Start
+            Where to begin.
+        levels : sequence of float
+            Known heights that loads stand on, in metres.
+
+        Returns
+        -------
+        list of PalletMeasurement or None
+            One for each start, in order; None where nothing was found.
+        """
+        explained = self.explain_from(image, time, starts, levels, file)
+        return [measurement_of(candidate, time, file) for candidate in explained.candidates]
+
+    def explain_from(
+        self, image: Image, time: float, starts: Sequence[Start], levels: Sequence[float] = (), file: str = ""
+    ) -> Explanation:
+        """Do what `localize_from` does and keep the result of every stage."""
+        shot = self._shot(image)
+        candidates = [self._given(start, levels) for start in starts]
+        for candidate in candidates:
+            if candidate.refusal is None:
+                METHODS[self.method](shot, candidate, self.config)
+        return Explanation(time, file, (), (), tuple(candidates))
+
+    def _shot(self, image: Image) -> ShotView:
+        return ShotView(image, self.projector, self.mounting, self.mounting.forklift_from_camera.inv())
+
+    def _detected(self, detection: Detection) -> Candidate:
+        height = None if detection.level is None else HeightPrior(detection.level, self.config.prior.level_sigma)
+        return Candidate(detection.model, detection.forklift_from_pallet, height, detection.score)
+
+    def _given(self, start: Start, levels: Sequence[float]) -> Candidate:
+        pose, prior = start.forklift_from_pallet, self.config.prior
+        near = [level for level in levels if abs(level - pose.z) <= prior.level_reach]
+        height = HeightPrior(min(near, key=lambda level: abs(level - pose.z)), prior.level_sigma) if near else None
+        model = self.models.get(start.model)
+        # an unknown model is refused before its face matters: any face will do
+        stand_in = replace(next(iter(self.models.values())), name=start.model)
+        candidate = Candidate(model or stand_in, pose, height)
+        if model is None:
+            candidate.refuse(Stage.START, Reason.UNKNOWN_MODEL)
+        elif not np.isfinite(pose.as_array()).all():
+            candidate.refuse(Stage.START, Reason.NOT_FINITE)
+        return candidate
+
+    def _measure(self, shot: ShotView, candidate: Candidate, before: Sequence[Candidate]) -> None:
+        """Measure a detection unless a pallet that is beyond doubt stands there."""
+        certain = (one for one in before if one.refusal is None and one.rank >= self.config.verification.certain)
+        for one in certain:
+            if one.pose and overlapping(one.pose, one.model, candidate.start, candidate.model):
+                return candidate.refuse(Stage.DETECTION, Reason.OVERLAP)
+        return METHODS[self.method](shot, candidate, self.config)
+
+
+def exclude_overlaps(candidates: Iterable[Candidate]) -> None:
+    """Refuse every candidate that stands in a better one: two pallets cannot overlap."""
+    kept: list[tuple[Candidate, LevelPose]] = []
+    for candidate in sorted(candidates, key=lambda one: -one.rank):
+        if candidate.refusal is not None or candidate.pose is None:
+            continue
+        if any(overlapping(pose, other.model, candidate.pose, candidate.model) for other, pose in kept):
+            candidate.refuse(Stage.VERIFICATION, Reason.OVERLAP)
+        else:
+            kept.append((candidate, candidate.pose))

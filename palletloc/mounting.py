@@ -1,0 +1,49 @@
+"""The camera's mounting on the forklift, and how well it is known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from palletloc.geometry import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Mounting:
+    """Where the camera sits, with the uncertainty of its calibration."""
+
+    forklift_from_camera: RigidTransform
+    """The camera's pose."""
+    translation_sigma: tuple[float, float, float] = (0.001, 0.001, 0.001)
+    """Standard deviations along the forklift's axes, in metres."""
+    rotation_sigma: tuple[float, float, float] = (0.0003, 0.0003, 0.0003)
+    """Standard deviations about the forklift's axes, in radians."""
+
+    @property
+    def center(self) -> FloatArray:
+        """The camera's origin in the forklift frame, (3,), in metres."""
+        return np.asarray(self.forklift_from_camera.translation)
+
+    @property
+    def sigma(self) -> FloatArray:
+        """(6,) standard deviations: three translations, three rotations."""
+        return np.array([*self.translation_sigma, *self.rotation_sigma])
+
+    def apparent_motion(self, point: FloatArray) -> FloatArray:
+        """Return how a point seems to move when the true mounting differs from the assumed one.
+
+        Parameters
+        ----------
+        point : (3,) array
+            In the forklift frame, in metres.
+
+        Returns
+        -------
+        (3, 6) array
+            Derivative of the apparent point by three translations and three rotations of the assumed mounting.
+        """
+        x, y, z = point - self.center
+        cross = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
+        return np.hstack([np.eye(3), cross])

@@ -1,0 +1,125 @@
+"""The order of the steps: the paper's chain with lines to a fraction of a pixel."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from palletloc.boundary import BoundaryLine
+from palletloc.candidate import Candidate, ShotView
+from palletloc.config import LocalizerConfig
+from palletloc.face_fit import YawPrior, fit_face
+from palletloc.geometry import LevelPose, wrap_angle
+from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
+from palletloc.position import sweep
+from palletloc.verification import verify
+from palletloc.yaw import find_lines, horizontal_source, measure_yaw, view_horizontal
+
+
+def measure_on_planes(shot: ShotView, candidate: Candidate, config: LocalizerConfig) -> None:
+    """Measure a candidate: yaw (B), position (C), yaw again where the position puts the plane, then the edges.
+
+    Parameters
+    ----------
+    shot : ShotView
+        The shot.
+    candidate : Candidate
+        Gets the results, or its refusal.
+    config : LocalizerConfig
+        Parameters.
+    """
+    source = horizontal_plane_for(shot, candidate, config)
+    if isinstance(source, Reason):
+        return candidate.refuse(Stage.START, source)
+    pose = _line_yaw(shot, candidate, source, config)
+    swept = sweep(
+        shot.projector, shot.image, shot.camera_from_forklift, pose, candidate.model, candidate.height, config.position
+    )
+    if isinstance(swept, Reason):
+        return candidate.refuse(Stage.POSITION, swept)
+    candidate.sweep = swept
+    pose = _voted_yaw(shot, candidate, source, swept.forklift_from_pallet, config)
+    return _fit(shot, candidate, pose, config)
+
+
+def horizontal_plane_for(shot: ShotView, candidate: Candidate, config: LocalizerConfig) -> YawSource | Reason:
+    """Choose the horizontal plane, or tell why the face cannot be seen."""
+    start = candidate.start
+    x, y, z = shot.mounting.center - np.array([start.x, start.y, start.z])
+    distance = -(x * np.cos(start.yaw) + y * np.sin(start.yaw))
+    if distance < 0.2:
+        return Reason.BEHIND_FACE
+    if np.hypot(x, y) > 1.2 * config.detection.max_range:
+        return Reason.OUT_OF_RANGE
+    return horizontal_source(candidate.model, z, distance, config.yaw)
+
+
+def _line_yaw(
+    shot: ShotView, candidate: Candidate, source: YawSource, config: LocalizerConfig
+) -> LevelPose:
+    """Turn the start by the boundary line next to the view's centre, and measure on the plane placed anew."""
+    start = candidate.start
+    if source is YawSource.FACE:
+        return start
+    seen = view_horizontal(
+        shot.projector, shot.image, shot.camera_from_forklift, start, candidate.model, source, config.yaw
+    )
+    candidate.horizontal.append(seen)
+    candidate.lines = find_lines(seen, config.yaw)
+    line = nearest_line(candidate.lines)
+    return start if line is None else replace(start, yaw=wrap_angle(start.yaw + line.turn))
+
+
+def nearest_line(lines: list[BoundaryLine]) -> BoundaryLine | None:
+    """Return the line nearest to the view's centre among those that are nearly as long as the longest."""
+    if not lines:
+        return None
+    longest = max(line.votes for line in lines)
+    return min((line for line in lines if line.votes >= 0.5 * longest), key=lambda line: abs(line.up))
+
+
+def _voted_yaw(
+    shot: ShotView, candidate: Candidate, source: YawSource, pose: LevelPose, config: LocalizerConfig
+) -> LevelPose:
+    """Measure the yaw by all level edges, twice: the second plane is placed by the first's result."""
+    if source is YawSource.FACE:
+        return pose
+    for _ in range(2):
+        seen = view_horizontal(
+            shot.projector, shot.image, shot.camera_from_forklift, pose, candidate.model, source, config.yaw
+        )
+        estimate = measure_yaw(shot.projector, seen, pose, candidate.model, config.yaw)
+        if isinstance(estimate, Reason):
+            candidate.yaw = None
+            break
+        candidate.horizontal.append(seen)
+        candidate.yaw = estimate
+        turned = abs(wrap_angle(estimate.yaw - pose.yaw))
+        pose = replace(pose, yaw=estimate.yaw)
+        if turned < np.radians(0.1):
+            break
+    return pose
+
+
+def _fit(shot: ShotView, candidate: Candidate, pose: LevelPose, config: LocalizerConfig) -> None:
+    height = candidate.height or HeightPrior(candidate.start.z, config.prior.free_sigma)
+    yaw = None
+    if candidate.yaw is not None:
+        candidate.yaw_from = candidate.yaw.source
+        up = candidate.model.height if candidate.yaw.source is YawSource.TOP else 0.0
+        yaw = YawPrior(candidate.yaw.sigma, up)
+    spread = float(np.radians(config.prior.yaw_sigma_deg))
+    face = fit_face(
+        shot.projector, shot.image, shot.mounting, pose, candidate.model, height, yaw, spread, config.face_fit
+    )
+    if isinstance(face, Reason):
+        return candidate.refuse(Stage.POSITION, face)
+    candidate.face = face
+    candidate.pose, candidate.covariance = face.forklift_from_pallet, face.covariance
+    candidate.verification = verify(face, candidate.model, config.verification)
+    if candidate.height is not None and abs(face.forklift_from_pallet.z - height.z) > 5 * height.sigma:
+        return candidate.refuse(Stage.VERIFICATION, Reason.OFF_LEVEL)
+    if candidate.verification.reason is not None:
+        return candidate.refuse(Stage.VERIFICATION, candidate.verification.reason)
+    return None

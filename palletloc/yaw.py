@@ -1,0 +1,346 @@
+"""Yaw from a horizontal plane (paper, section B).
+
+Projected on the horizontal plane at its own height, a level edge of the front face is a straight line, and its
+angle to the view's centre line is the error of the yaw that the plane was placed with. Any other level edge of the
+face projects to a parallel line there, and a start that is wrong along the viewing ray changes no angle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from palletloc.boundary import BoundaryLine, boundary_lines
+from palletloc.edge_fit import EdgeFit, edge_peaks, fit_edge
+from palletloc.face import EdgeKind, FaceEdge, edge_shift, face_edges
+from palletloc.geometry import FloatArray, Image, LevelPose, wrap_angle
+from palletloc.matching import Energy, gradient_across
+from palletloc.measurement import Reason, YawSource
+from palletloc.pallet import PalletModel
+from palletloc.plane import PALLET_FROM_HORIZONTAL, PlaneGrid, PlaneView
+from palletloc.pixel_size import pixel_sizes
+from palletloc.projection import Interpolation, Projector
+
+
+SMOOTHING_PIXELS = np.array([0.6, 1.5])
+"""Smoothing before the gradient across and along an edge, in pixels of the camera's image."""
+END_PIXELS = 1.5
+"""How many pixels of the camera's image at each end of an edge are left out."""
+
+
+class BoundaryMethod(StrEnum):
+    """How the boundary line is found."""
+
+    EDGES = "edges"
+    """Canny edges and a Hough transform (paper, first way)."""
+    TWO_REGION = "two_region"
+    """A threshold between two regions, scanned row by row, and a Hough transform (second way)."""
+
+
+@dataclass(frozen=True, slots=True)
+class YawConfig:
+    """How the yaw is measured."""
+
+    resolution: float = 0.004
+    """Metres per pixel of the horizontal view."""
+    max_lever: float = 3.0
+    """Largest ratio of the face's distance to the edge's height over or below the camera: at a larger one a
+    millimetre of edge is too many degrees, and the face has to do."""
+    search: float = 0.10
+    """How far before and behind its expected place the line is looked for, in metres."""
+    max_turn_deg: float = 12.0
+    """Largest correction of the start's yaw, in degrees."""
+    boundary: BoundaryMethod = BoundaryMethod.EDGES
+    """How the boundary line is found."""
+    hough_step_deg: float = 0.25
+    """Step of the Hough transform's angle, in degrees."""
+    reach: float = 0.012
+    """How far from its place an edge is measured, in metres on the face."""
+    min_coverage: float = 0.35
+    """Least part of an edge that must be seen for it to vote."""
+    outline_error: float = 0.0005
+    """How far each end of the face's lower edge may lie off (one standard deviation), in metres."""
+    load_error: float = 0.004
+    """The same for the upper edge, where a load may begin, in metres."""
+    opening_error_px: float = 0.2
+    """The same for an opening's edges, in pixels of the camera's image along the edge: what is seen through an
+    opening changes along it."""
+    agreement: float = 3.5
+    """How many standard deviations two edges' yaws may differ."""
+
+
+@dataclass(frozen=True, slots=True)
+class HorizontalView:
+    """A horizontal plane at the height of one of the face's edges, as the camera sees it."""
+
+    source: YawSource
+    """Which edge the plane goes through."""
+    height: float
+    """Height of the plane above the face's lower edge, in metres."""
+    plane_from_camera: FloatArray
+    """(3,) the camera's centre in the plane's coordinates: right, up (into the shelf), above."""
+    view: PlaneView
+    """The image."""
+
+
+@dataclass(frozen=True, slots=True)
+class YawVote:
+    """What one edge says."""
+
+    edge: FaceEdge
+    """The edge."""
+    turn: float
+    """Correction of the yaw, in radians."""
+    sigma: float
+    """Its standard deviation, in radians."""
+    fit: EdgeFit
+    """The line, in the view's coordinates."""
+    used: bool
+    """Whether it agrees with the others."""
+
+
+@dataclass(frozen=True, slots=True)
+class YawEstimate:
+    """The yaw from one horizontal view."""
+
+    yaw: float
+    """Heading of the pallet in the forklift frame, in radians."""
+    sigma: float
+    """Standard deviation, in radians."""
+    source: YawSource
+    """The edge that weighs most."""
+    votes: tuple[YawVote, ...]
+    """What each edge says."""
+
+
+def horizontal_source(
+    model: PalletModel, height_below: float, distance: float, config: YawConfig
+) -> YawSource:
+    """Choose the edge whose height suits a horizontal plane.
+
+    Below the camera the lower edge, which stands out against the floor; above it the upper edges, as a beam may
+    hide the lower one. Near the camera's height no plane serves.
+
+    Parameters
+    ----------
+    model : PalletModel
+        The pallet.
+    height_below : float
+        Height of the camera above the face's lower edge, in metres; negative below it.
+    distance : float
+        Distance of the camera from the face's plane, in metres.
+    config : YawConfig
+        Parameters.
+
+    Returns
+    -------
+    YawSource
+        `YawSource.FACE` where no plane serves.
+    """
+    if height_below * config.max_lever >= distance:
+        return YawSource.BOTTOM
+    if (model.height - height_below) * config.max_lever >= distance:
+        return YawSource.TOP
+    return YawSource.FACE
+
+
+def view_horizontal(
+    projector: Projector,
+    image: Image,
+    camera_from_forklift: RigidTransform,
+    start: LevelPose,
+    model: PalletModel,
+    source: YawSource,
+    config: YawConfig,
+) -> HorizontalView:
+    """Project the shot on the horizontal plane through an edge of the face at its start.
+
+    Parameters
+    ----------
+    projector : Projector
+        Of the camera that took the image.
+    image : Image
+        The shot.
+    camera_from_forklift : RigidTransform
+        Inverse of the camera's mounting.
+    start : LevelPose
+        ``forklift_from_pallet``.
+    model : PalletModel
+        The pallet.
+    source : YawSource
+        The edge; not `YawSource.FACE`.
+    config : YawConfig
+        Parameters.
+
+    Returns
+    -------
+    HorizontalView
+        As deep as the search and every other level edge of the face need.
+    """
+    height = {YawSource.BOTTOM: 0.0, YawSource.TOP: model.height}[source]
+    forklift_from_plane = (
+        LevelPose(start.x, start.y, start.z + height, start.yaw).transform() * PALLET_FROM_HORIZONTAL
+    )
+    camera_from_plane = camera_from_forklift * forklift_from_plane
+    plane_from_camera = np.asarray(camera_from_plane.inv().translation)
+    half = model.width / 2 + 0.05
+    places = [_line_up(up - height, plane_from_camera) for up in (0.0, model.height)]
+    grid = PlaneGrid.spanning(
+        -half * 1.08, half * 1.08, min(places) - config.search, max(places) + config.search, config.resolution
+    )
+    view = projector.view(image, camera_from_plane, grid, Interpolation.CUBIC)
+    return HorizontalView(source, height, plane_from_camera, view)
+
+
+def _line_up(height: float, plane_from_camera: FloatArray) -> float:
+    """Return where an edge at a height over the plane appears: scaled about the camera's foot."""
+    above = plane_from_camera[2]
+    scale = above / (above - height) if abs(above - height) > 1e-6 else 1.0
+    return float(plane_from_camera[1] * (1 - scale))
+
+
+def find_lines(seen: HorizontalView, config: YawConfig) -> list[BoundaryLine]:
+    """Find the boundary lines of the face on a horizontal view, the likeliest first.
+
+    Parameters
+    ----------
+    seen : HorizontalView
+        From `view_horizontal`.
+    config : YawConfig
+        Parameters.
+
+    Returns
+    -------
+    list of BoundaryLine
+        Empty where there is none.
+    """
+    return boundary_lines(
+        seen.view,
+        two_region=config.boundary is BoundaryMethod.TWO_REGION,
+        max_turn=float(np.radians(config.max_turn_deg)),
+        step=float(np.radians(config.hough_step_deg)),
+    )
+
+
+def measure_yaw(
+    projector: Projector,
+    seen: HorizontalView,
+    start: LevelPose,
+    model: PalletModel,
+    config: YawConfig,
+) -> YawEstimate | Reason:
+    """Measure the yaw by sub-pixel lines along every level edge of the face: they vote.
+
+    Parameters
+    ----------
+    projector : Projector
+        Of the camera.
+    seen : HorizontalView
+        Placed with the start's yaw, which must be right to a degree or two.
+    start : LevelPose
+        ``forklift_from_pallet``.
+    model : PalletModel
+        The pallet.
+    config : YawConfig
+        Parameters.
+
+    Returns
+    -------
+    YawEstimate or Reason
+        `Reason.NO_LINE` where no edge is seen well enough.
+    """
+    across, along = pixel_sizes(
+        projector.camera, seen.view.camera_from_plane, np.zeros((2, 2)), np.array([[0.0, 1.0], [1.0, 0.0]])
+    )
+    scale = SMOOTHING_PIXELS / config.resolution
+    gradient = gradient_across(seen.view.image, True, float(across * scale[0]), float(along * scale[1]))
+    votes = []
+    for edge in _voters(model, seen):
+        fit = _fit_level_edge(projector, gradient, seen, edge, model, config)
+        if fit is None or fit.coverage < config.min_coverage:
+            continue
+        votes.append(YawVote(edge, float(np.arctan(fit.slope)), fit.sigma_slope, fit, True))
+    if not votes:
+        return Reason.NO_LINE
+    return _poll(votes, start, seen, config)
+
+
+def _voters(model: PalletModel, seen: HorizontalView) -> list[FaceEdge]:
+    """Return the level edges that can be measured: those of the face, without what a beam may imitate."""
+    edges = [edge for edge in face_edges(model) if edge.horizontal]
+    if seen.source is YawSource.TOP:
+        edges = [edge for edge in edges if edge.kind is not EdgeKind.BOTTOM]
+    return edges
+
+
+def _fit_level_edge(
+    projector: Projector,
+    gradient: Energy,
+    seen: HorizontalView,
+    edge: FaceEdge,
+    model: PalletModel,
+    config: YawConfig,
+) -> EdgeFit | None:
+    camera = seen.plane_from_camera
+    face_from_camera = np.array([camera[0], camera[2] + seen.height, -camera[1]])
+    shift = edge_shift(edge, face_from_camera, model)
+    height = edge.middle[1] + edge.outward[1] * shift.mean - seen.height
+    scale = camera[2] / (camera[2] - height)
+    up = _line_up(height, camera)
+    left, right = (camera[0] + (end[0] - camera[0]) * scale for end in (edge.start, edge.end))
+    middle = np.array([(left + right) / 2, up])
+    across, along = pixel_sizes(
+        projector.camera, seen.view.camera_from_plane, np.stack([middle, middle]), np.array([[0, 1], [1, 0]])
+    )
+    # a pixel that straddles the edge's end sees what lies beyond it
+    left, right = left + END_PIXELS * along, right - END_PIXELS * along
+    if right - left < 3 * along:
+        return None
+    reach = max(config.reach * abs(camera[1] / camera[2]), 2 * config.resolution)
+    peaks = edge_peaks(gradient, seen.view.grid, (left, up), (right, up), (0.0, 1.0), reach)
+    fit = fit_edge(peaks, float(across), float(along))
+    if fit is None:
+        return None
+    error = _end_error(edge, camera[2] > 0, float(along), config)
+    tilt = np.sqrt(2.0) * error * abs(camera[1] / camera[2]) / edge.length
+    return replace(fit, sigma_slope=float(np.hypot(fit.sigma_slope, tilt)))
+
+
+def _end_error(edge: FaceEdge, from_above: bool, pixel_along: float, config: YawConfig) -> float:
+    """Return how far each end of an edge may lie off on the face, in metres."""
+    if edge.kind is EdgeKind.BOTTOM:
+        return config.outline_error
+    error = config.opening_error_px * pixel_along
+    if edge.kind is EdgeKind.TOP and from_above:
+        error += config.load_error
+    return max(error, config.outline_error)
+
+
+def _poll(
+    votes: Sequence[YawVote], start: LevelPose, seen: HorizontalView, config: YawConfig
+) -> YawEstimate:
+    """Combine the votes: the largest group that agrees with one of them, weighted by their variances."""
+    turn = np.array([vote.turn for vote in votes])
+    sigma = np.array([vote.sigma for vote in votes])
+    weight = sigma**-2
+    agree = np.abs(turn[:, None] - turn) <= config.agreement * np.hypot(sigma[:, None], sigma)
+    group = agree[(agree * weight).sum(axis=1).argmax()]
+    mean = float((turn * weight)[group].sum() / weight[group].sum())
+    spread = float((weight * (turn - mean) ** 2)[group].sum() / max(group.sum() - 1, 1))
+    variance = max(spread, 1.0) / float(weight[group].sum())
+    heaviest = votes[int(np.where(group, weight, 0).argmax())]
+    polled = tuple(
+        YawVote(vote.edge, vote.turn, vote.sigma, vote.fit, bool(used))
+        for vote, used in zip(votes, group, strict=True)
+    )
+    return YawEstimate(
+        wrap_angle(start.yaw + mean), float(np.sqrt(variance)), _source(heaviest.edge), polled
+    )
+
+
+def _source(edge: FaceEdge) -> YawSource:
+    return YawSource(edge.kind.value)

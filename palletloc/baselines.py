@@ -47,10 +47,12 @@ def measure_as_in_paper(shot: ShotView, candidate: Candidate, config: LocalizerC
             return candidate.refuse(Stage.YAW, Reason.NO_LINE)
         candidate.lines = [line]
         pose = replace(pose, yaw=wrap_angle(pose.yaw + line.turn))
-    swept = sweep(shot.projector, shot.image, shot.camera_from_forklift, pose, candidate.model, None, config.position)
+    swept = sweep(
+        shot.projector, shot.image, shot.camera_from_forklift, pose, candidate.model, None, True, config.position
+    )
     if isinstance(swept, Reason):
         return candidate.refuse(Stage.POSITION, swept)
-    candidate.sweep, candidate.pose, candidate.yaw_from = swept, swept.forklift_from_pallet, source
+    candidate.sweep, candidate.pose, candidate.yaw_from = swept, swept.peaks[0], source
     candidate.score = swept.best
     depth = swept.depth[swept.score >= NEAR_PEAK * swept.best]
     # one pixel of the edge image over the face's width is what the Hough transform resolves

@@ -1,4 +1,7 @@
-"""Measuring a straight edge in a plane view: gradient peaks to a fraction of a pixel, and a robust line through them."""
+"""Measuring straight edges in a plane view: gradient peaks to a fraction of a pixel, and robust lines through them.
+
+All edges of a face are measured together: every array has a row for each edge.
+"""
 
 from __future__ import annotations
 
@@ -13,18 +16,24 @@ from palletloc.plane import PlaneGrid
 
 TUKEY = 4.685
 """Tukey's biweight constant: 95 % efficient on normal residuals."""
+CUTS = 64
+"""Most cuts across an edge."""
+NOISE_FLOOR_PX = 0.05
+"""Least scatter of peaks that is believed, in pixels of the camera's image."""
+MIN_INDEPENDENT = 3.0
+"""Fewest independent peaks that make a line."""
 
 
 @dataclass(frozen=True, slots=True)
 class EdgePeaks:
-    """Where the gradient peaks along an edge."""
+    """Where the gradient peaks along each of several edges; n cuts are spread evenly over each edge."""
 
     along: FloatArray
-    """(n,) positions along the edge from its middle, in metres."""
+    """(edges, n) positions of the cuts along the edge from its middle, in metres."""
     offset: FloatArray
-    """(n,) offsets of the peaks across the edge, in metres."""
+    """(edges, n) offsets of the peaks across the edge, in metres."""
     strength: FloatArray
-    """(n,) gradient at the peaks, in gray levels per pixel; 0 where there is none."""
+    """(edges, n) gradient at the peaks, in gray levels per pixel; 0 where there is none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,70 +51,63 @@ class EdgeFit:
     coverage: float
     """Part of the edge whose peaks lie on the line, 0 to 1."""
     strength: float
-    """Median gradient of those peaks, in gray levels per pixel."""
+    """Mean gradient of those peaks, in gray levels per pixel."""
 
 
 def edge_peaks(
-    gradient: Energy,
-    grid: PlaneGrid,
-    start: tuple[float, float],
-    end: tuple[float, float],
-    across: tuple[float, float],
-    reach: float,
+    gradient: Energy, grid: PlaneGrid, starts: FloatArray, ends: FloatArray, across: FloatArray, reach: FloatArray
 ) -> EdgePeaks:
-    """Find the strongest true local maximum of the gradient on each cut across an edge.
+    """Find the strongest true local maximum of the gradient on each cut across each edge.
 
     The end of a slope is never a peak: a fit to it would only return the prediction.
 
     Parameters
     ----------
     gradient : (rows, columns) array
-        Absolute gradient across the edge.
+        Absolute gradient across the edges.
     grid : PlaneGrid
         Of the view.
-    start, end : (float, float)
-        The edge in plane coordinates, in metres.
-    across : (float, float)
-        Unit vector across the edge: the direction in which offsets count.
-    reach : float
-        How far from the edge to look, in metres.
+    starts, ends : (edges, 2) arrays
+        The edges in plane coordinates, in metres.
+    across : (2,) or (edges, 2) array
+        Unit vectors across the edges: the direction in which offsets count.
+    reach : (edges,) array
+        How far from each edge to look, in metres.
 
     Returns
     -------
     EdgePeaks
-        About one cut per pixel of the view.
+        Cuts about a pixel of the view apart, at most `CUTS`.
     """
-    ends = np.array([start, end])
-    length = float(np.hypot(*(ends[1] - ends[0])))
-    count = max(3, round(length / grid.resolution))
-    steps = int(np.ceil(reach / grid.resolution)) + 1
+    length = np.hypot(*(ends - starts).T)
+    count = int(np.clip(length.max() / grid.resolution, 4, CUTS))
+    steps = int(np.ceil(reach.max() / grid.resolution)) + 1
     fraction = (np.arange(count) + 0.5) / count
     offsets = np.arange(-steps, steps + 1) * grid.resolution
-    base = grid.pixels(ends[0] + fraction[:, None] * (ends[1] - ends[0]))
-    step = np.array([across[0], -across[1]]) / grid.resolution
-    cuts = (base[:, None] + offsets[None, :, None] * step).astype(np.float32)
+    base = grid.pixels(starts[:, None] + fraction[:, None] * (ends - starts)[:, None])
+    step = np.broadcast_to(across, starts.shape) * np.array([1.0, -1.0]) / grid.resolution
+    cuts = (base[:, :, None] + offsets[:, None] * step[:, None, None]).astype(np.float32)
+    shape = cuts.shape[:3]
     profile = cv2.remap(
-        gradient, np.ascontiguousarray(cuts[..., 0]), np.ascontiguousarray(cuts[..., 1]), cv2.INTER_LINEAR,
-        borderMode=cv2.BORDER_REPLICATE,
-    )
-    left, middle, right = profile[:, :-2], profile[:, 1:-1], profile[:, 2:]
-    peak = np.where((middle > left) & (middle >= right), middle, 0.0)
-    best = peak.argmax(axis=1)
-    rows = np.arange(count)
-    a, b, c = (part[rows, best].astype(np.float64) for part in (left, middle, right))
-    curvature = np.minimum(a - 2 * b + c, -1e-9)
-    shift = np.clip(0.5 * (a - c) / curvature, -0.5, 0.5)
+        gradient, cuts.reshape(-1, shape[2], 2), None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    ).reshape(shape)
+    left, middle, right = profile[..., :-2], profile[..., 1:-1], profile[..., 2:]
+    within = np.abs(offsets[1:-1]) <= reach[:, None, None] + 1e-9
+    peak = np.where((middle > left) & (middle >= right) & within, middle, np.float32(0.0))
+    best = peak.argmax(axis=2)[..., None]
+    a, b, c = (np.take_along_axis(part, best, axis=2)[..., 0].astype(np.float64) for part in (left, middle, right))
+    shift = np.clip(0.5 * (a - c) / np.minimum(a - 2 * b + c, -1e-9), -0.5, 0.5)
     return EdgePeaks(
-        (fraction - 0.5) * length,
-        offsets[1 + best] + shift * grid.resolution,
-        peak[rows, best].astype(np.float64),
+        (fraction - 0.5) * length[:, None],
+        offsets[1:-1][best[..., 0]] + shift * grid.resolution,
+        np.take_along_axis(peak, best, axis=2)[..., 0].astype(np.float64),
     )
 
 
-def fit_edge(
-    peaks: EdgePeaks, pixel_across: float, pixel_along: float, min_strength: float = 0.0, slope_sigma: float = np.inf
-) -> EdgeFit | None:
-    """Fit a robust line (Tukey's biweight) through the peaks of an edge.
+def fit_edges(
+    peaks: EdgePeaks, pixel_across: FloatArray, pixel_along: FloatArray, slope_sigma: FloatArray | None = None
+) -> list[EdgeFit | None]:
+    """Fit a robust line (Tukey's biweight) through the peaks of each edge.
 
     Neighbouring cuts share pixels of the camera's image: the number of independent peaks is the length over the
     larger of one pixel and the residuals' own correlation length.
@@ -114,82 +116,91 @@ def fit_edge(
     ----------
     peaks : EdgePeaks
         From `edge_peaks`.
-    pixel_across, pixel_along : float
-        Size of a pixel of the camera's image across and along the edge, in metres.
-    min_strength : float
-        Weakest gradient that counts, in gray levels per pixel.
-    slope_sigma : float
-        How far the slope may be from zero (one standard deviation); keeps short edges from tilting.
+    pixel_across, pixel_along : (edges,) arrays
+        Size of a pixel of the camera's image across and along each edge, in metres.
+    slope_sigma : (edges,) array or None
+        How far each slope may be from zero (one standard deviation); keeps short edges from tilting.
 
     Returns
     -------
-    EdgeFit or None
-        None where fewer than three independent peaks agree.
+    list of EdgeFit or None
+        None for an edge of which fewer than three independent peaks agree.
     """
-    seen = peaks.strength > min_strength
-    if seen.sum() < 4:
-        return None
-    along, offset = peaks.along[seen], peaks.offset[seen]
-    line, residual, scale = _robust_line(along, offset, 0.05 * pixel_across, slope_sigma)
-    inlier = np.abs(residual) < 3 * scale
-    correlation = _correlation_length(along, residual, inlier, pixel_along)
-    independent = inlier.sum() * (peaks.along[1] - peaks.along[0]) / correlation
-    if independent < 3:
-        return None
-    spread = along[inlier]
-    center = float(spread.mean())
-    variance = float(residual[inlier] @ residual[inlier]) / max(inlier.sum() - 2, 1) + (0.02 * pixel_across) ** 2
-    slope_variance = variance / (independent * float(np.var(spread)) + 1e-12)
-    slope_variance = 1.0 / (1.0 / slope_variance + slope_sigma**-2)
-    return EdgeFit(
-        offset=float(line[0]),
-        slope=float(line[1]),
-        sigma_offset=float(np.sqrt(variance / independent + slope_variance * center**2)),
-        sigma_slope=float(np.sqrt(slope_variance)),
-        coverage=float(inlier.sum() / len(peaks.along)),
-        strength=float(np.median(peaks.strength[seen][inlier])),
-    )
+    limit = np.full(len(pixel_across), 1e3) if slope_sigma is None else np.minimum(slope_sigma, 1e3)
+    seen = peaks.strength > 0
+    offset, slope, residual, scale = _robust_lines(peaks, seen, NOISE_FLOOR_PX * pixel_across, limit)
+    inlier = seen & (np.abs(residual) < 3 * scale[:, None])
+    count = np.maximum(inlier.sum(axis=1), 1)
+    step = peaks.along[:, 1] - peaks.along[:, 0]
+    independent = count * step / np.maximum(_correlation_length(residual * inlier, step), pixel_along)
+    center = (peaks.along * inlier).sum(axis=1) / count
+    spread = (inlier * (peaks.along - center[:, None]) ** 2).sum(axis=1) / count
+    variance = (inlier * residual**2).sum(axis=1) / np.maximum(count - 2, 1) + (0.02 * pixel_across) ** 2
+    slope_variance = 1.0 / (independent * spread / variance + limit**-2)
+    sigma_offset = np.sqrt(variance / np.maximum(independent, 1e-9) + slope_variance * center**2)
+    strength = (peaks.strength * inlier).sum(axis=1) / count
+    coverage = inlier.mean(axis=1)
+    return [
+        EdgeFit(*(float(value) for value in row)) if enough else None
+        for *row, enough in zip(
+            offset,
+            slope,
+            sigma_offset,
+            np.sqrt(slope_variance),
+            coverage,
+            strength,
+            (independent >= MIN_INDEPENDENT) & (inlier.sum(axis=1) >= 4),
+            strict=True,
+        )
+    ]
 
 
-def _robust_line(
-    along: FloatArray, offset: FloatArray, floor: float, slope_sigma: float
-) -> tuple[FloatArray, FloatArray, float]:
-    """Return the line, its residuals and their robust scale; starts from the median of pairwise slopes."""
-    line = _theil_sen(along, offset, slope_sigma)
-    design = np.stack([np.ones_like(along), along], axis=1)
-    for _ in range(8):
-        residual = offset - design @ line
-        scale = max(1.4826 * float(np.median(np.abs(residual))), floor)
-        weight = np.clip(1 - (residual / (TUKEY * scale)) ** 2, 0, None) ** 2
-        normal = design.T @ (weight[:, None] * design)
-        normal[1, 1] += (scale / slope_sigma) ** 2
-        update = np.linalg.solve(normal + 1e-12 * np.eye(2), design.T @ (weight * offset))
-        done = np.abs(update - line).max() < 1e-7
-        line = update
+def _robust_lines(
+    peaks: EdgePeaks, seen: BoolArray, floor: FloatArray, limit: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return offsets, slopes, residuals and robust scales; starts from medians of values and pairwise slopes."""
+    along, value = peaks.along, peaks.offset
+    half = along.shape[1] // 2
+    pairs = (value[:, half : 2 * half] - value[:, :half]) / (along[:, half : 2 * half] - along[:, :half])
+    slope = _median(pairs, seen[:, half : 2 * half] & seen[:, :half])
+    slope = np.clip(slope, -2 * limit, 2 * limit)
+    offset = _median(value - slope[:, None] * along, seen)
+    for _ in range(7):
+        residual = value - offset[:, None] - slope[:, None] * along
+        scale = np.maximum(1.4826 * _median(np.abs(residual), seen), floor)
+        weight = seen * np.clip(1 - (residual / (TUKEY * scale[:, None])) ** 2, 0, None) ** 2
+        total = np.maximum(weight.sum(axis=1), 1e-9)
+        mean_along = (weight * along).sum(axis=1) / total
+        mean_value = (weight * value).sum(axis=1) / total
+        across = along - mean_along[:, None]
+        # the limit acts as an observation of a zero slope
+        squares = (weight * across**2).sum(axis=1) + (scale / limit) ** 2 + 1e-12
+        update = (weight * across * value).sum(axis=1) / squares
+        done = np.abs(update - slope).max() < 1e-6
+        slope, offset = update, mean_value - update * mean_along
         if done:
             break
-    residual = offset - design @ line
-    return line, residual, max(1.4826 * float(np.median(np.abs(residual))), floor)
+    residual = value - offset[:, None] - slope[:, None] * along
+    return offset, slope, residual, np.maximum(1.4826 * _median(np.abs(residual), seen), floor)
 
 
-def _theil_sen(along: FloatArray, offset: FloatArray, slope_sigma: float) -> FloatArray:
-    half = len(along) // 2
-    slopes = (offset[half : 2 * half] - offset[:half]) / (along[half : 2 * half] - along[:half])
-    slope = float(np.clip(np.median(slopes), -2 * slope_sigma, 2 * slope_sigma))
-    return np.array([np.median(offset - slope * along), slope])
+def _median(values: FloatArray, valid: BoolArray) -> FloatArray:
+    """Return the median of the valid values of each row, 0 where there is none."""
+    count = valid.sum(axis=1)
+    ordered = np.sort(np.where(valid, values, np.inf), axis=1)
+    middle = ordered[np.arange(len(values)), np.maximum(count - 1, 0) // 2]
+    return np.where(count > 0, middle, 0.0)
 
 
-def _correlation_length(along: FloatArray, residual: FloatArray, inlier: BoolArray, pixel: float) -> float:
-    """Return the length over which residuals are alike, at least one pixel of the camera's image, in metres."""
-    value = np.where(inlier, residual, 0.0)
-    power = float(value @ value)
-    step = float(along[-1] - along[0]) / max(len(along) - 1, 1)
-    if power <= 0:
-        return max(pixel, step)
-    total, count = 1.0, min(len(value) // 3, 60)
-    for lag in range(1, count):
-        correlation = float(value[lag:] @ value[:-lag]) / power
-        if correlation < 0.1:
+def _correlation_length(residual: FloatArray, step: FloatArray) -> FloatArray:
+    """Return the length over which the residuals of each edge are alike, in metres."""
+    power = (residual**2).sum(axis=1) + 1e-18
+    total = np.ones(len(residual))
+    alive = np.ones(len(residual), dtype=bool)
+    for lag in range(1, residual.shape[1] // 3):
+        correlation = (residual[:, lag:] * residual[:, :-lag]).sum(axis=1) / power
+        alive &= correlation > 0.1
+        if not alive.any():
             break
-        total += 2 * correlation
-    return max(pixel, total * step)
+        total += np.where(alive, 2 * correlation, 0.0)
+    return np.asarray(total * step)

@@ -250,7 +250,7 @@ def _two_pockets(entry: _ParametricEntry) -> list[_OpeningEntry]:
 def _load_yaml(data: bytes, file: str) -> Any:
     """Return the content of one YAML document without repeated keys."""
     try:
-        text = data.decode("utf-8-sig")
+        text = data.decode("utf-8")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         raise PalletFileError(f"{file}, line {line}: expected text in UTF-8") from error

@@ -14,7 +14,7 @@ from palletloc.geometry import LevelPose, wrap_angle
 from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
 from palletloc.position import sweep
 from palletloc.verification import verify
-from palletloc.yaw import find_lines, horizontal_source, measure_yaw, view_horizontal
+from palletloc.yaw import find_lines, horizontal_source, measure_line, measure_yaw, view_horizontal
 
 
 def measure_on_planes(shot: ShotView, candidate: Candidate, config: LocalizerConfig) -> None:
@@ -34,13 +34,38 @@ def measure_on_planes(shot: ShotView, candidate: Candidate, config: LocalizerCon
         return candidate.refuse(Stage.START, source)
     pose = _line_yaw(shot, candidate, source, config)
     swept = sweep(
-        shot.projector, shot.image, shot.camera_from_forklift, pose, candidate.model, candidate.height, config.position
+        shot.projector,
+        shot.image,
+        shot.camera_from_forklift,
+        pose,
+        candidate.model,
+        candidate.height,
+        source is not YawSource.FACE,
+        config.position,
     )
     if isinstance(swept, Reason):
         return candidate.refuse(Stage.POSITION, swept)
     candidate.sweep = swept
-    pose = _voted_yaw(shot, candidate, source, swept.forklift_from_pallet, config)
-    return _fit(shot, candidate, pose, config)
+    for peak in swept.peaks:
+        attempt = replace(candidate, refusal=None, face=None, pose=None, verification=None)
+        _fit(shot, attempt, _voted_yaw(shot, attempt, source, peak, config), config)
+        if candidate.face is None or _better(attempt, candidate):
+            _adopt(candidate, attempt)
+        if candidate.face is not None and candidate.face.doubt < config.face_fit.max_doubt:
+            break
+    return None
+
+
+def _better(one: Candidate, other: Candidate) -> bool:
+    """Tell which of two attempts at the same pallet explains the image better."""
+    return (one.verification.score if one.verification else -1.0) > (
+        other.verification.score if other.verification else -1.0
+    )
+
+
+def _adopt(candidate: Candidate, attempt: Candidate) -> None:
+    for name in ("horizontal", "yaw", "yaw_from", "face", "pose", "covariance", "verification", "refusal"):
+        setattr(candidate, name, getattr(attempt, name))
 
 
 def horizontal_plane_for(shot: ShotView, candidate: Candidate, config: LocalizerConfig) -> YawSource | Reason:
@@ -58,7 +83,7 @@ def horizontal_plane_for(shot: ShotView, candidate: Candidate, config: Localizer
 def _line_yaw(
     shot: ShotView, candidate: Candidate, source: YawSource, config: LocalizerConfig
 ) -> LevelPose:
-    """Turn the start by the boundary line next to the view's centre, and measure on the plane placed anew."""
+    """Turn the start by the boundary line next to the view's centre, found by Hough and measured by its peaks."""
     start = candidate.start
     if source is YawSource.FACE:
         return start
@@ -68,7 +93,11 @@ def _line_yaw(
     candidate.horizontal.append(seen)
     candidate.lines = find_lines(seen, config.yaw)
     line = nearest_line(candidate.lines)
-    return start if line is None else replace(start, yaw=wrap_angle(start.yaw + line.turn))
+    if line is None:
+        return start
+    fit = measure_line(shot.projector, seen, line, candidate.model, config.yaw)
+    turn = line.turn if fit is None else float(np.arctan(fit.slope))
+    return replace(start, yaw=wrap_angle(start.yaw + turn))
 
 
 def nearest_line(lines: list[BoundaryLine]) -> BoundaryLine | None:

@@ -72,7 +72,7 @@ def verify(estimate: FaceEstimate, model: PalletModel, config: VerificationConfi
     Verification
         With a reason where it fails.
     """
-    contrast = opening_contrast(estimate.view, model)
+    contrast = opening_contrast(estimate.seen.view, model)
     score = _score(estimate, model)
     reason = None
     if estimate.coverage < config.min_coverage:
@@ -129,8 +129,8 @@ def _colours(view: PlaneView, left: float, right: float, low: float, high: float
 
 
 def _score(estimate: FaceEstimate, model: PalletModel) -> float:
-    view = estimate.view
-    camera = np.asarray(view.camera_from_plane.inv().translation)
+    view = estimate.seen.view
+    camera = estimate.seen.plane_from_camera
     window = (round(0.4 / view.grid.resolution) | 1, round(0.2 / view.grid.resolution) | 1)
     template = face_template(model, edge_energy(view.image, window, dilation=2), view.grid.resolution, camera)
     here = FacePlacement(np.ones((1, 1)), np.zeros((1, 1)), np.zeros((1, 1)))

@@ -10,12 +10,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from palletloc.boundary import BoundaryLine, boundary_lines
-from palletloc.edge_fit import EdgeFit, edge_peaks, fit_edge
+from palletloc.edge_fit import EdgeFit, edge_peaks, fit_edges
 from palletloc.face import EdgeKind, FaceEdge, edge_shift, face_edges
 from palletloc.geometry import FloatArray, Image, LevelPose, wrap_angle
 from palletloc.matching import Energy, gradient_across
@@ -30,6 +31,9 @@ SMOOTHING_PIXELS = np.array([0.6, 1.5])
 """Smoothing before the gradient across and along an edge, in pixels of the camera's image."""
 END_PIXELS = 1.5
 """How many pixels of the camera's image at each end of an edge are left out."""
+
+UPWARD = np.array([0.0, 1.0])
+"""Across a level edge, in a view's coordinates."""
 
 
 class BoundaryMethod(StrEnum):
@@ -115,6 +119,17 @@ class YawEstimate:
     """The edge that weighs most."""
     votes: tuple[YawVote, ...]
     """What each edge says."""
+
+
+class _Voter(NamedTuple):
+    """A level edge of the face and where a horizontal view shows it."""
+
+    edge: FaceEdge
+    """The edge."""
+    ends: tuple[tuple[float, float], tuple[float, float]]
+    """Its ends on the view's plane, without what lies beyond them, in metres."""
+    pixel: tuple[float, float]
+    """Sizes of the camera's pixels across and along it, in metres."""
 
 
 def horizontal_source(
@@ -226,6 +241,39 @@ def find_lines(seen: HorizontalView, config: YawConfig) -> list[BoundaryLine]:
     )
 
 
+def measure_line(
+    projector: Projector, seen: HorizontalView, line: BoundaryLine, model: PalletModel, config: YawConfig
+) -> EdgeFit | None:
+    """Measure a line that the Hough transform found, to a fraction of a pixel.
+
+    Parameters
+    ----------
+    projector : Projector
+        Of the camera.
+    seen : HorizontalView
+        The view that the line was found on.
+    line : BoundaryLine
+        The line.
+    model : PalletModel
+        Gives the line's length.
+    config : YawConfig
+        Parameters.
+
+    Returns
+    -------
+    EdgeFit or None
+        Its ``slope`` is the tangent of the correction of the yaw; None where the line dissolves.
+    """
+    half = model.width / 2
+    slope = float(np.tan(line.turn))
+    gradient, across, along = _gradient(projector, seen, line.up)
+    start, end = np.array([[-half, line.up - half * slope]]), np.array([[half, line.up + half * slope]])
+    reach = np.array([max(2 * across, 3 * config.resolution)])
+    peaks = edge_peaks(gradient, seen.view.grid, start, end, UPWARD, reach)
+    fit = fit_edges(peaks, np.array([across]), np.array([along]))[0]
+    return None if fit is None else replace(fit, slope=fit.slope + slope)
+
+
 def measure_yaw(
     projector: Projector,
     seen: HorizontalView,
@@ -253,61 +301,62 @@ def measure_yaw(
     YawEstimate or Reason
         `Reason.NO_LINE` where no edge is seen well enough.
     """
-    across, along = pixel_sizes(
-        projector.camera, seen.view.camera_from_plane, np.zeros((2, 2)), np.array([[0.0, 1.0], [1.0, 0.0]])
-    )
-    scale = SMOOTHING_PIXELS / config.resolution
-    gradient = gradient_across(seen.view.image, True, float(across * scale[0]), float(along * scale[1]))
+    gradient, _, _ = _gradient(projector, seen, 0.0)
+    voters = _voters(projector, model, seen, config)
+    if not voters:
+        return Reason.NO_LINE
+    lever = abs(float(seen.plane_from_camera[1] / seen.plane_from_camera[2]))
+    reach = np.full(len(voters), max(config.reach * lever, 2 * config.resolution))
+    starts, ends = (np.array(points) for points in zip(*(voter.ends for voter in voters), strict=True))
+    across, along = (np.array(sizes) for sizes in zip(*(voter.pixel for voter in voters), strict=True))
+    fits = fit_edges(edge_peaks(gradient, seen.view.grid, starts, ends, UPWARD, reach), across, along)
     votes = []
-    for edge in _voters(model, seen):
-        fit = _fit_level_edge(projector, gradient, seen, edge, model, config)
+    for voter, fit in zip(voters, fits, strict=True):
         if fit is None or fit.coverage < config.min_coverage:
             continue
-        votes.append(YawVote(edge, float(np.arctan(fit.slope)), fit.sigma_slope, fit, True))
+        error = _end_error(voter.edge, seen.plane_from_camera[2] > 0, voter.pixel[1], config)
+        tilt = np.sqrt(2.0) * error * lever / voter.edge.length
+        sigma = float(np.hypot(fit.sigma_slope, tilt))
+        votes.append(YawVote(voter.edge, float(np.arctan(fit.slope)), sigma, fit, True))
     if not votes:
         return Reason.NO_LINE
-    return _poll(votes, start, seen, config)
+    return _poll(votes, start, config)
 
 
-def _voters(model: PalletModel, seen: HorizontalView) -> list[FaceEdge]:
-    """Return the level edges that can be measured: those of the face, without what a beam may imitate."""
-    edges = [edge for edge in face_edges(model) if edge.horizontal]
-    if seen.source is YawSource.TOP:
-        edges = [edge for edge in edges if edge.kind is not EdgeKind.BOTTOM]
-    return edges
+def _gradient(projector: Projector, seen: HorizontalView, up: float) -> tuple[Energy, float, float]:
+    """Return the gradient across level lines, and the size of the camera's pixels across and along them."""
+    across, along = pixel_sizes(
+        projector.camera, seen.view.camera_from_plane, np.full((2, 2), [0.0, up]), np.array([[0.0, 1.0], [1.0, 0.0]])
+    )
+    sigma = SMOOTHING_PIXELS * np.array([across, along]) / seen.view.grid.resolution
+    return gradient_across(seen.view.image, True, float(sigma[0]), float(sigma[1])), float(across), float(along)
 
 
-def _fit_level_edge(
-    projector: Projector,
-    gradient: Energy,
-    seen: HorizontalView,
-    edge: FaceEdge,
-    model: PalletModel,
-    config: YawConfig,
-) -> EdgeFit | None:
+def _voters(projector: Projector, model: PalletModel, seen: HorizontalView, config: YawConfig) -> list[_Voter]:
+    """Return the level edges that can be measured, and where the view shows them."""
     camera = seen.plane_from_camera
     face_from_camera = np.array([camera[0], camera[2] + seen.height, -camera[1]])
-    shift = edge_shift(edge, face_from_camera, model)
-    height = edge.middle[1] + edge.outward[1] * shift.mean - seen.height
-    scale = camera[2] / (camera[2] - height)
-    up = _line_up(height, camera)
-    left, right = (camera[0] + (end[0] - camera[0]) * scale for end in (edge.start, edge.end))
-    middle = np.array([(left + right) / 2, up])
-    across, along = pixel_sizes(
-        projector.camera, seen.view.camera_from_plane, np.stack([middle, middle]), np.array([[0, 1], [1, 0]])
-    )
-    # a pixel that straddles the edge's end sees what lies beyond it
-    left, right = left + END_PIXELS * along, right - END_PIXELS * along
-    if right - left < 3 * along:
-        return None
-    reach = max(config.reach * abs(camera[1] / camera[2]), 2 * config.resolution)
-    peaks = edge_peaks(gradient, seen.view.grid, (left, up), (right, up), (0.0, 1.0), reach)
-    fit = fit_edge(peaks, float(across), float(along))
-    if fit is None:
-        return None
-    error = _end_error(edge, camera[2] > 0, float(along), config)
-    tilt = np.sqrt(2.0) * error * abs(camera[1] / camera[2]) / edge.length
-    return replace(fit, sigma_slope=float(np.hypot(fit.sigma_slope, tilt)))
+    edges = [edge for edge in face_edges(model) if edge.horizontal]
+    if seen.source is YawSource.TOP:  # a beam may hide the lower edge and be taken for it
+        edges = [edge for edge in edges if edge.kind is not EdgeKind.BOTTOM]
+    placed = []
+    for edge in edges:
+        shift = edge_shift(edge, face_from_camera, model)
+        height = edge.middle[1] + edge.outward[1] * shift.mean - seen.height
+        scale = camera[2] / (camera[2] - height)
+        left, right = (camera[0] + (end[0] - camera[0]) * scale for end in (edge.start, edge.end))
+        placed.append((edge, left, right, _line_up(height, camera)))
+    middles = np.array([((left + right) / 2, up) for _, left, right, up in placed])
+    plane = seen.view.camera_from_plane
+    across = pixel_sizes(projector.camera, plane, middles, UPWARD)
+    along = pixel_sizes(projector.camera, plane, middles, np.array([1.0, 0.0]))
+    voters = []
+    for (edge, left, right, up), wide, long in zip(placed, across, along, strict=True):
+        # a pixel that straddles the edge's end sees what lies beyond it
+        trim = END_PIXELS * float(long)
+        if right - left > 2 * trim + 3 * long:
+            voters.append(_Voter(edge, ((left + trim, up), (right - trim, up)), (float(wide), float(long))))
+    return voters
 
 
 def _end_error(edge: FaceEdge, from_above: bool, pixel_along: float, config: YawConfig) -> float:
@@ -320,9 +369,7 @@ def _end_error(edge: FaceEdge, from_above: bool, pixel_along: float, config: Yaw
     return max(error, config.outline_error)
 
 
-def _poll(
-    votes: Sequence[YawVote], start: LevelPose, seen: HorizontalView, config: YawConfig
-) -> YawEstimate:
+def _poll(votes: Sequence[YawVote], start: LevelPose, config: YawConfig) -> YawEstimate:
     """Combine the votes: the largest group that agrees with one of them, weighted by their variances."""
     turn = np.array([vote.turn for vote in votes])
     sigma = np.array([vote.sigma for vote in votes])

@@ -72,23 +72,26 @@ class OddPolynomial:
             The x in [0, upper]; NaN where there is none.
         """
         upper = min(upper, self._beyond(float(values.max(initial=0.0, where=np.isfinite(values)))))
-        reached = values <= upper * self.factor(np.asarray(upper * upper)) * (1 + _ROUNDING)
-        low = np.zeros_like(values)
-        high = np.full_like(values, upper)
-        x = np.clip(values, 0.0, upper)
+        reach = upper * float(self.factor(np.asarray(upper * upper)))
+        found = np.full(values.size, np.nan)
+        unsettled = np.flatnonzero(values <= reach * (1 + _ROUNDING))
+        target = values.reshape(-1)[unsettled]
+        x, low, high = np.minimum(target, upper), np.zeros_like(target), np.full_like(target, upper)
         for _ in range(_MAX_STEPS):
             squared = x * x
-            excess = x * self.factor(squared) - values
+            excess = x * self.factor(squared) - target
             low = np.where(excess < 0, x, low)
             high = np.where(excess > 0, x, high)
             with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
                 trial = x - excess / self.slope(squared)
             trial = np.where((trial >= low) & (trial <= high), trial, (low + high) / 2)
-            moved = np.abs(trial - x)[reached]
-            x = trial
-            if not moved.size or moved.max() <= _ROUNDING * upper:
+            found[unsettled] = trial
+            moving = np.abs(trial - x) > _ROUNDING * upper
+            if not moving.any():
                 break
-        return np.where(reached, x, np.nan)
+            unsettled, target, x = unsettled[moving], target[moving], trial[moving]
+            low, high = low[moving], high[moving]
+        return found.reshape(values.shape)
 
     def _beyond(self, value: float) -> float:
         """Return an x whose value exceeds the given one, if the polynomial rises that far."""
@@ -114,7 +117,7 @@ def _horner(coefficients: tuple[float, ...], s: FloatArray) -> FloatArray:
 
 
 def _first_root(coefficients: tuple[float, ...], linear: float) -> float:
-    """Return the smallest positive real root of 1 + linear x + c1 x^2 + c2 x^4 + ...; infinite without one."""
+    """Return the first positive root of 1 + linear x + c1 x^2 + c2 x^4 + ...; infinite without one."""
     powers = np.zeros(2 * len(coefficients) + 2)
     powers[0] = 1.0
     powers[1] = linear

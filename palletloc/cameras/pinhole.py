@@ -17,7 +17,7 @@ from palletloc.geometry import FloatArray
 
 _MAX_STEPS = 40
 _CONVERGED = 1e-12
-_ROUNDING = 1e-15
+_ROUNDING = 1e-14
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,25 +133,31 @@ class Pinhole:
 
     def _descend(self, distorted: FloatArray, scale: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Invert by Newton steps from a scaled start, each halved until it helps."""
-        size = 1 + np.sqrt(distorted[0] ** 2 + distorted[1] ** 2)
-        ahead = distorted * scale
-        residual = np.stack(self._distort(ahead[0], ahead[1], _squared(ahead))) - distorted
+        target = distorted.reshape(2, -1)
+        ahead = target * scale.reshape(-1)
+        limit = 1 + _squared(target)
+        part = np.ones(scale.size)
+        residual = self._residual(ahead, target)
         error = _squared(residual)
-        part = np.ones_like(error)
         for _ in range(_MAX_STEPS):
-            if not (error > (_ROUNDING * size) ** 2).any():
+            moving = np.flatnonzero(error > _ROUNDING**2 * limit)
+            if not moving.size:
                 break
-            trial = ahead - part * self._newton_step(ahead, residual)
-            squared = _squared(trial)
-            trial_residual = np.stack(self._distort(trial[0], trial[1], squared)) - distorted
+            trial = ahead[:, moving] - part[moving] * self._newton_step(ahead[:, moving], residual[:, moving])
+            trial_residual = self._residual(trial, target[:, moving])
             trial_error = _squared(trial_residual)
-            better = (trial_error < error) & (squared <= self._max_radius**2)
-            ahead = np.where(better, trial, ahead)
-            residual = np.where(better, trial_residual, residual)
-            error = np.where(better, trial_error, error)
-            part = np.where(better, 1.0, part / 2)
-        right, down = np.where(error <= (_CONVERGED * size) ** 2, ahead, np.nan)
+            better = (trial_error < error[moving]) & (_squared(trial) <= self._max_radius**2)
+            part[moving] = np.where(better, 1.0, part[moving] / 2)
+            moving = moving[better]
+            ahead[:, moving], residual[:, moving] = trial[:, better], trial_residual[:, better]
+            error[moving] = trial_error[better]
+        ahead[:, ~(error <= _CONVERGED**2 * limit)] = np.nan
+        right, down = ahead.reshape(distorted.shape)
         return right, down
+
+    def _residual(self, ahead: FloatArray, target: FloatArray) -> FloatArray:
+        """Return how far (2, n) points, distorted, lie from where they should."""
+        return np.stack(self._distort(ahead[0], ahead[1], _squared(ahead))) - target
 
     def _newton_step(self, ahead: FloatArray, residual: FloatArray) -> FloatArray:
         """Solve the distortion's derivative, a symmetric 2 x 2 matrix per point, for a residual."""

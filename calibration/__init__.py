@@ -1,0 +1,6 @@
+"""Where the camera and the shelf are: the mounting on the forklift and the shelf's front plane.
+
+The scope of this package is printed targets and their observations, the camera's pose on the forklift with
+its uncertainty, the shelf plane from measured pallets, and the comparison with a total station's survey.
+It imports nothing but `palletloc`. This version has none of it yet: mounting and plane come from the user.
+"""

@@ -1,0 +1,137 @@
+"""The frame of the command line: which commands there are, and how a command fails.
+
+A command's module is imported when that command is asked for, so that the list of commands appears at once.
+"""
+
+from __future__ import annotations
+
+import importlib
+import logging
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+import typer
+
+from palletloc import __version__
+from palletloc.errors import PalletLocError
+
+_log = logging.getLogger("palletloc")
+
+_SUCCESS, _FAILURE, _INTERRUPTED = 0, 1, 130
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A subcommand that is not imported yet."""
+
+    name: str
+    """What the user types."""
+    target: str
+    """``"module:function"``, or ``"module:app"`` for a `typer.Typer` that has commands of its own."""
+    summary: str
+    """One line for the list of commands: the first line of the function's docstring."""
+
+    def load(self) -> Callable[..., None] | typer.Typer:
+        """Import and return the function or the `typer.Typer` that the target names."""
+        module, _, attribute = self.target.partition(":")
+        loaded: Callable[..., None] | typer.Typer = getattr(importlib.import_module(module), attribute)
+        return loaded
+
+
+COMMANDS = (
+    Command("demo", "palletloc.cli.demo:demo", "Localize the pallets of the sample that comes along."),
+    Command(
+        "localize", "palletloc.cli.localize:localize", "Measure the pallets in each shot of a recording."
+    ),
+    Command("explain", "palletloc.cli.explain:explain", "Draw every stage of the localization of one shot."),
+    Command("simulate", "palletloc.cli.simulate:simulate", "Write a synthetic recording with its truth."),
+    Command("pallets", "palletloc.cli.pallets:pallets", "List and draw the pallet models."),
+    Command("config", "palletloc.cli.config:config", "Print every parameter with its default."),
+)
+"""The commands of palletloc itself, in the order in which help lists them."""
+
+
+def run(arguments: Sequence[str], commands: Sequence[Command] = COMMANDS) -> int:
+    """Run the command that the arguments name.
+
+    Parameters
+    ----------
+    arguments : sequence of str
+        What follows the program's name on the command line.
+    commands : sequence of Command
+        The subcommands to offer.
+
+    Returns
+    -------
+    int
+        Exit code: 0 on success, 1 on bad input (one line on standard error says what, where, and what was
+        expected), 2 on wrong usage, 130 when interrupted.
+    """
+    try:
+        _build(arguments, commands)(args=list(arguments), prog_name="palletloc")
+    except SystemExit as ending:  # how typer ends every run, a successful one too
+        if ending.code == _INTERRUPTED:
+            _say("interrupted")
+        return ending.code if isinstance(ending.code, int) else _FAILURE
+    except KeyboardInterrupt:  # while a command's module was being imported
+        _say("interrupted")
+        return _INTERRUPTED
+    except (PalletLocError, OSError) as error:
+        _say(_line(error))
+        _log.debug("where it happened", exc_info=True)
+        return _FAILURE
+    return _SUCCESS
+
+
+def _build(arguments: Sequence[str], commands: Sequence[Command]) -> typer.Typer:
+    """Return the application with the asked-for command loaded and a stand-in for each of the others."""
+    asked = next((a for a in arguments if not a.startswith("-")), None)  # no option before it takes a value
+    app = typer.Typer(
+        no_args_is_help=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    app.callback()(_root)
+    for command in commands:
+        loaded = command.load() if command.name == asked else _stand_in
+        if isinstance(loaded, typer.Typer):
+            app.add_typer(loaded, name=command.name, help=command.summary)
+        else:
+            app.command(command.name, short_help=command.summary)(loaded)
+    return app
+
+
+def _stand_in() -> None:
+    """Hold a place in the list of commands; never called."""
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"palletloc {__version__}")
+        raise typer.Exit
+
+
+def _root(
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Say where an error comes from.")] = False,
+    _version: Annotated[
+        bool,
+        typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and exit."),
+    ] = False,
+) -> None:
+    """Find pallets on shelves in 360-degree shots and measure their poses."""
+    logging.basicConfig(format="%(name)s: %(message)s")
+    _log.setLevel(logging.DEBUG if verbose else logging.WARNING)
+
+
+def _line(error: PalletLocError | OSError) -> str:
+    """Return what went wrong as one line."""
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}"
+    return " ".join(str(error).split())
+
+
+def _say(line: str) -> None:
+    sys.stderr.write(f"palletloc: {line}\n")

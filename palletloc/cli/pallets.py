@@ -1,0 +1,106 @@
+"""The command ``palletloc pallets``: which pallet models there are, listed and drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich import box
+from rich.console import Console, Group
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
+
+from palletloc.errors import PalletLocError
+from palletloc.io.atomic import write_bytes
+from palletloc.pallet import Opening, PalletModel
+from palletloc.pallet_library import find_models, load_library, read_pallets
+
+_TIMES = "\N{MULTIPLICATION SIGN}"
+
+
+def pallets(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="NAME", help="Models to show, with sources in full; all if left out."),
+    ] = None,
+    file: Annotated[
+        Path | None,
+        typer.Option("--file", metavar="YAML", help="Your own pallets.yaml; its models come first."),
+    ] = None,
+    draw: Annotated[
+        Path | None, typer.Option("--draw", metavar="PNG", help="Draw the models to scale into this file.")
+    ] = None,
+) -> None:
+    """List and draw the pallet models."""
+    if draw is not None and draw.suffix.lower() != ".png":
+        raise PalletLocError(f"--draw {draw}: expected the name of a .png file")
+    user = read_pallets(file) if file is not None else {}
+    models = find_models(names or {**user, **load_library()}, user)
+    console = Console()
+    console.print(_table(models))
+    if names:
+        for model in models:
+            console.print(_sources(model))
+    if draw is not None:
+        _draw(models, draw)
+        console.print(Text(f"drawn: {draw}"), soft_wrap=True)
+
+
+def _draw(models: Sequence[PalletModel], path: Path) -> None:
+    from palletloc.drawing.pallets import pallets_png  # matplotlib takes longer than all the rest
+
+    write_bytes(path, pallets_png(models))
+
+
+def _table(models: Sequence[PalletModel]) -> Table:
+    """Return one row for each model, in millimetres."""
+    title = f"Front faces: width {_TIMES} height in mm; openings at the level where they begin"
+    table = Table(
+        box=box.SIMPLE_HEAD,
+        expand=True,
+        padding=(0, 1, 0, 0),
+        title=title,
+        title_justify="left",
+        title_style="",
+    )
+    table.add_column("name", no_wrap=True)
+    table.add_column("face", justify="right", no_wrap=True)
+    table.add_column("openings", no_wrap=True)
+    table.add_column("edge\nradius", justify="right")
+    table.add_column("confirmed", no_wrap=True)
+    table.add_column("source", no_wrap=True, overflow="ellipsis", ratio=1)
+    for model in models:
+        table.add_row(
+            Text(model.name),
+            f"{_millimetres(model.width)} {_TIMES} {_millimetres(model.height)}",
+            _summary(model.openings),
+            _millimetres(model.edge_radius),
+            Text("yes", style="green") if model.confirmed else Text("no", style="yellow"),
+            Text(model.source),
+        )
+    return table
+
+
+def _summary(openings: Sequence[Opening]) -> str:
+    """Return what the openings are like, equal ones together."""
+    alike: dict[str, int] = {}
+    for opening in openings:
+        level = "open" if opening.open_below else f"at {_millimetres(opening.bottom)}"
+        size = f"{_millimetres(opening.width)} {_TIMES} {_millimetres(opening.height)} {level}"
+        alike[size] = alike.get(size, 0) + 1
+    return "\n".join(f"{count} of {size}" for size, count in alike.items())
+
+
+def _sources(model: PalletModel) -> Group:
+    """Return where the dimensions come from and what is assumed."""
+    heading = Text.assemble((model.name, "bold"), f"  {_millimetres(model.depth)} deep")
+    texts = {"source": model.source, "note": model.note}
+    lines = [Text(f"{label}: {text}") for label, text in texts.items() if text]
+    return Group(heading, Padding(Group(*lines), (0, 0, 0, 2)))
+
+
+def _millimetres(length: float) -> str:
+    return f"{round(length * 1000, 1):g}"

@@ -1,0 +1,116 @@
+"""The command ``palletloc simulate``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from palletloc.geometry import Image
+from palletloc.io.recording import Recording, Shot, write_recording
+from palletloc.io.truth import TruePallet, Truth
+from palletloc.pallet_library import find_models
+from palletloc.synthetic.aisle import AisleSpec
+from palletloc.synthetic.illumination import Illumination
+from palletloc.synthetic.placing import Side
+from palletloc.synthetic.rig import CameraKind
+from palletloc.synthetic.sensor import Sensor
+from palletloc.synthetic.simulation import Simulation, SimulationSpec
+from palletloc.synthetic.simulation import simulate as draw_simulation
+
+
+def simulate(
+    out: Annotated[Path, typer.Option(help="Folder of the recording: new, or empty.")],
+    seed: Annotated[int, typer.Option(min=0, help="The same options and seed give the same recording.")] = 0,
+    shots: Annotated[int, typer.Option(min=1, help="How many shots along the approach.")] = 12,
+    width: Annotated[int, typer.Option(min=64, max=16384, help="Width of an image, in pixels.")] = 1920,
+    model: Annotated[
+        list[str] | None,
+        typer.Option(help="Pallet model in the rack; may be repeated. [default: epal1-1200]"),
+    ] = None,
+    side: Annotated[Side, typer.Option(help="Side of the shelf.")] = Side.LEFT,
+    camera: Annotated[CameraKind, typer.Option(help="Kind of camera.")] = CameraKind.EQUIRECTANGULAR,
+    light: Annotated[Illumination, typer.Option(help="Kind of light.")] = Illumination.EVEN,
+    level: Annotated[
+        list[float] | None,
+        typer.Option(help="Height that loads stand on, in metres; may be repeated. [default: 0 and 1.55]"),
+    ] = None,
+    blur: Annotated[float, typer.Option(min=0, max=20, help="Blur, in pixels (one sigma).")] = 0.6,
+    noise: Annotated[
+        float, typer.Option(min=0, max=100, help="Noise, in grey levels of 255 (one sigma).")
+    ] = 1.5,
+    gain: Annotated[float, typer.Option(min=0.01, max=100, help="Exposure.")] = 1.0,
+    occluders: Annotated[int, typer.Option(min=0, help="Pallets that something stands before.")] = 0,
+    gloss: Annotated[float, typer.Option(min=0, max=1, help="How much the floor mirrors.")] = 0.0,
+) -> None:
+    """Write a synthetic recording with its truth: an approach to a rack of pallets, drawn from a seed."""
+    aisle = AisleSpec(
+        models=find_models(model or ["epal1-1200"], {}),
+        side=side,
+        levels=tuple(level) if level else (0.0, 1.55),
+        light=light,
+        occluders=occluders,
+        gloss=gloss,
+    )
+    sensor = Sensor(blur_px=blur, noise=noise, gain=gain)
+    spec = SimulationSpec(aisle=aisle, camera=camera, width=width, shots=shots, sensor=sensor)
+    simulation = draw_simulation(spec, seed)
+    console = Console(stderr=True)
+    save_simulation(out, simulation, _counted(simulation.images(), shots, console))
+    Console().print(_summary(out, simulation))
+
+
+def save_simulation(folder: Path, simulation: Simulation, images: Iterable[Image] | None = None) -> None:
+    """Write a simulation as a recording with its truth, whole or not at all.
+
+    Parameters
+    ----------
+    folder : Path
+        Does not exist yet, or is empty.
+    simulation : Simulation
+        What to write.
+    images : iterable of (height, width, 3) array of uint8, optional
+        Its shots, where the caller follows them as they are made.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written, or the folder has something in it.
+    """
+    spec = simulation.spec
+    translation, rotation = spec.mounting_translation_sigma, spec.mounting_rotation_sigma
+    recording = Recording(
+        folder=folder,
+        camera=simulation.camera,
+        forklift_from_camera=simulation.recorded_mounting,
+        shelf=simulation.shelf,
+        models=spec.aisle.models,
+        shots=tuple(
+            Shot(float(time), f"images/{index:06d}.jpg") for index, time in enumerate(simulation.times)
+        ),
+        odometry=simulation.odometry,
+        translation_sigma=(translation,) * 3 if translation else None,
+        rotation_sigma=(rotation,) * 3 if rotation else None,
+    )
+    pallets = tuple(TruePallet(p.name, p.model.name, p.world_from_pallet) for p in simulation.aisle.pallets)
+    shots = simulation.images() if images is None else images
+    write_recording(folder, recording, shots, Truth(simulation.truth, pallets))
+
+
+def _counted(images: Iterable[Image], count: int, console: Console) -> Iterator[Image]:
+    """Return the images, with a bar that shows how many are made."""
+    yield from track(images, "Rendering", total=count, console=console, transient=True)
+
+
+def _summary(out: Path, simulation: Simulation) -> Table:
+    table = Table(title=str(out), show_header=False)
+    table.add_row("shots", str(simulation.spec.shots))
+    table.add_row("image", f"{simulation.camera.width} x {simulation.camera.height}")
+    table.add_row("pallets", str(len(simulation.aisle.pallets)))
+    table.add_row("way", f"{simulation.approach.length:.1f} m in {simulation.approach.duration:.1f} s")
+    return table

@@ -1,0 +1,1 @@
+"""Pictures for people: what the program knows and what it saw."""

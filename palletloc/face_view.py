@@ -1,0 +1,193 @@
+"""The front face as the camera sees it, with every edge measured to a fraction of a pixel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from palletloc.edge_fit import EdgeFit, edge_peaks, fit_edges
+from palletloc.face import EdgeKind, FaceEdge, edge_shift, face_edges
+from palletloc.geometry import FloatArray, Image, LevelPose
+from palletloc.matching import Energy, gradient_across
+from palletloc.measurement import Reason
+from palletloc.pallet import PalletModel
+from palletloc.pixel_size import pixel_sizes
+from palletloc.plane import PALLET_FROM_VERTICAL, PlaneGrid, PlaneView
+from palletloc.projection import Interpolation, Projector
+
+MIN_DISTANCE = 0.2
+"""Least distance of the camera from the face's plane, in metres."""
+MARGIN = 0.06
+"""How far the view reaches beyond the face, in metres."""
+END_PIXELS = 1.0
+"""How many pixels of the camera's image at each end of an edge are left out."""
+SMOOTHING_PIXELS = (0.6, 1.0)
+"""Smoothing before the gradient across and along an edge, in pixels of the camera's image."""
+PIXEL_ERROR = 0.06
+"""What an edge's offset is uncertain by beyond its scatter, in pixels of the camera's image."""
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredEdge:
+    """One edge of the face and what was measured of it."""
+
+    edge: FaceEdge
+    """The edge."""
+    fit: EdgeFit
+    """Its offset and slope on the face, against where a camera should see it."""
+    sigma: float
+    """Standard deviation of the offset with everything that is not known of the edge, in metres."""
+    expected: float
+    """Where a camera should see it: shift of a rounded edge against the drawn one, in metres."""
+    pixel: float
+    """Size of a pixel of the camera's image across the edge, in metres."""
+
+
+@dataclass(frozen=True, slots=True)
+class FaceView:
+    """A view of the front face and its edges."""
+
+    view: PlaneView
+    """The image."""
+    plane_from_camera: FloatArray
+    """(3,) the camera's centre in the face's coordinates: right, up, towards the viewer, in metres."""
+    edges: tuple[MeasuredEdge, ...]
+    """The edges that are seen."""
+    expected: int
+    """How many edges the camera should see."""
+
+
+def view_face(
+    projector: Projector,
+    image: Image,
+    camera_from_forklift: RigidTransform,
+    pose: LevelPose,
+    model: PalletModel,
+    resolution: float,
+) -> FaceView | Reason:
+    """Project the shot on the plane of the face, without measuring anything yet.
+
+    Parameters
+    ----------
+    projector : Projector
+        Of the camera that took the image.
+    image : Image
+        The shot.
+    camera_from_forklift : RigidTransform
+        Inverse of the camera's mounting.
+    pose : LevelPose
+        ``forklift_from_pallet``.
+    model : PalletModel
+        The pallet.
+    resolution : float
+        Metres per pixel of the view.
+
+    Returns
+    -------
+    FaceView or Reason
+        Without edges; `Reason.BEHIND_FACE` or `Reason.OUT_OF_VIEW` where the face is not wholly seen.
+    """
+    camera_from_plane = camera_from_forklift * pose.transform() * PALLET_FROM_VERTICAL
+    camera = np.asarray(camera_from_plane.inv().translation)
+    if camera[2] < MIN_DISTANCE:
+        return Reason.BEHIND_FACE
+    half = model.width / 2 + MARGIN
+    grid = PlaneGrid.spanning(-half, half, -MARGIN, model.height + MARGIN, resolution)
+    view = projector.view(image, camera_from_plane, grid, Interpolation.CUBIC)
+    if not view.valid.all():
+        return Reason.OUT_OF_VIEW
+    return FaceView(view, camera, (), len(visible_edges(model, camera)))
+
+
+def visible_edges(model: PalletModel, plane_from_camera: FloatArray) -> list[FaceEdge]:
+    """Return the edges to measure: from below, a beam hides the lower edge and would be taken for it."""
+    below = plane_from_camera[1] < 0
+    return [edge for edge in face_edges(model) if not (below and edge.kind is EdgeKind.BOTTOM)]
+
+
+def measure_edges(
+    projector: Projector,
+    seen: FaceView,
+    model: PalletModel,
+    level_reach: float,
+    upright_reach: float,
+    reach_px: float,
+) -> list[MeasuredEdge]:
+    """Measure the edges of a face.
+
+    Parameters
+    ----------
+    projector : Projector
+        Of the camera.
+    seen : FaceView
+        From `view_face`.
+    model : PalletModel
+        The pallet.
+    level_reach, upright_reach : float
+        How far level and upright edges are looked for, in metres.
+    reach_px : float
+        The same in pixels of the camera's image: the larger holds.
+
+    Returns
+    -------
+    list of MeasuredEdge
+        Those of which enough is seen for a line.
+    """
+    plane = seen.view.camera_from_plane
+    center = np.array([[0.0, model.height / 2]])
+    right = float(pixel_sizes(projector.camera, plane, center, np.array([[1.0, 0.0]]))[0])
+    up = float(pixel_sizes(projector.camera, plane, center, np.array([[0.0, 1.0]]))[0])
+    edges = visible_edges(model, seen.plane_from_camera)
+    level = [edge for edge in edges if edge.horizontal]
+    upright = [edge for edge in edges if not edge.horizontal]
+    return [
+        *_measure(seen, level, model, (up, right), max(level_reach, reach_px * up)),
+        *_measure(seen, upright, model, (right, up), max(upright_reach, reach_px * right)),
+    ]
+
+
+def _measure(
+    seen: FaceView, edges: Sequence[FaceEdge], model: PalletModel, pixel: tuple[float, float], reach: float
+) -> list[MeasuredEdge]:
+    """Measure edges of one direction; ``pixel`` holds the sizes of the camera's pixels across and along them."""
+    if not edges:
+        return []
+    across, along = pixel
+    shifts = [edge_shift(edge, seen.plane_from_camera, model) for edge in edges]
+    outward = np.array([edge.outward for edge in edges])
+    length = np.array([edge.length for edge in edges])
+    drawn = np.array([[edge.start, edge.end] for edge in edges])
+    trim = (np.minimum(END_PIXELS * along, length / 4) / length)[:, None]
+    run = drawn[:, 1] - drawn[:, 0]
+    shifted = np.array([shift.mean for shift in shifts])[:, None] * outward
+    gradient = _gradient(seen, edges[0].horizontal, pixel)
+    peaks = edge_peaks(
+        gradient,
+        seen.view.grid,
+        drawn[:, 0] + trim * run + shifted,
+        drawn[:, 1] - trim * run + shifted,
+        outward,
+        np.full(len(edges), reach),
+    )
+    # an upright edge stays upright: only level ones may tilt, by the yaw
+    tilt = None if edges[0].horizontal else 0.5 * across / length
+    fits = fit_edges(peaks, np.full(len(edges), across), np.full(len(edges), along), tilt)
+    return [
+        MeasuredEdge(
+            edge,
+            fit,
+            float(np.sqrt(fit.sigma_offset**2 + shift.sigma**2 + (PIXEL_ERROR * across) ** 2)),
+            shift.mean,
+            across,
+        )
+        for edge, fit, shift in zip(edges, fits, shifts, strict=True)
+        if fit is not None
+    ]
+
+
+def _gradient(seen: FaceView, horizontal: bool, pixel: tuple[float, float]) -> Energy:
+    sigma = [factor * size / seen.view.grid.resolution for factor, size in zip(SMOOTHING_PIXELS, pixel, strict=True)]
+    return gradient_across(seen.view.image, horizontal, *sigma)

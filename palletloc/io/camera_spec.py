@@ -1,0 +1,150 @@
+"""Between the yaml form of cameras and mountings, and the values that compute."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from palletloc.cameras.dual_fisheye import DualFisheye, FisheyeLens
+from palletloc.cameras.equirectangular import Equirectangular
+from palletloc.cameras.kannala_brandt import KannalaBrandt
+from palletloc.cameras.pinhole import Pinhole
+from palletloc.cameras.protocol import CameraModel
+from palletloc.io.schema import (
+    CameraSpec,
+    DualFisheyeSpec,
+    EquirectangularSpec,
+    KannalaBrandtSpec,
+    LensSpec,
+    PinholeSpec,
+    Triple,
+)
+
+_DECIMALS_DEG = 9
+
+
+def camera_from_spec(spec: CameraSpec) -> CameraModel:
+    """Build the camera that a file describes.
+
+    Raises
+    ------
+    ValueError
+        If the numbers describe no camera.
+    """
+    match spec:
+        case EquirectangularSpec():
+            return Equirectangular(spec.width, spec.height)
+        case PinholeSpec():
+            return Pinhole(spec.width, spec.height, *spec.focal_px, *spec.center_px, *spec.distortion)
+        case KannalaBrandtSpec():
+            return _fisheye(spec, spec.width, spec.height)
+        case DualFisheyeSpec():
+            front, back = (
+                FisheyeLens(
+                    _fisheye(lens, spec.width, spec.height),
+                    transform_from_angles(lens.translation_m, lens.roll_pitch_yaw_deg),
+                )
+                for lens in spec.lenses
+            )
+            return DualFisheye(front, back)
+
+
+def _fisheye(spec: KannalaBrandtSpec | LensSpec, width: int, height: int) -> KannalaBrandt:
+    return KannalaBrandt(
+        width,
+        height,
+        *spec.focal_px,
+        *spec.center_px,
+        *spec.distortion,
+        max_angle=float(np.radians(spec.max_angle_deg)),
+    )
+
+
+def spec_from_camera(camera: CameraModel) -> CameraSpec:
+    """Describe a camera as files do: the inverse of `camera_from_spec`.
+
+    Raises
+    ------
+    ValueError
+        If it is of a kind that files do not know.
+    """
+    match camera:
+        case Equirectangular():
+            return EquirectangularSpec(model="equirectangular", width=camera.width, height=camera.height)
+        case Pinhole():
+            return PinholeSpec(
+                model="pinhole",
+                width=camera.width,
+                height=camera.height,
+                focal_px=(camera.fx, camera.fy),
+                center_px=(camera.cx, camera.cy),
+                distortion=(camera.k1, camera.k2, camera.p1, camera.p2, camera.k3),
+            )
+        case KannalaBrandt():
+            return KannalaBrandtSpec(
+                model="kannala_brandt",
+                width=camera.width,
+                height=camera.height,
+                focal_px=(camera.fx, camera.fy),
+                center_px=(camera.cx, camera.cy),
+                distortion=(camera.k1, camera.k2, camera.k3, camera.k4),
+                max_angle_deg=degrees(camera.max_angle),
+            )
+        case DualFisheye():
+            return DualFisheyeSpec(
+                model="dual_fisheye",
+                width=camera.width,
+                height=camera.height,
+                lenses=(_lens_spec(camera.front), _lens_spec(camera.back)),
+            )
+    raise ValueError(f"a camera of the kind {type(camera).__name__} has no form in files")
+
+
+def _lens_spec(lens: FisheyeLens) -> LensSpec:
+    model = lens.model
+    translation, angles = angles_from_transform(lens.camera_from_lens)
+    return LensSpec(
+        focal_px=(model.fx, model.fy),
+        center_px=(model.cx, model.cy),
+        distortion=(model.k1, model.k2, model.k3, model.k4),
+        max_angle_deg=degrees(model.max_angle),
+        translation_m=translation,
+        roll_pitch_yaw_deg=angles,
+    )
+
+
+def transform_from_angles(translation_m: Triple, roll_pitch_yaw_deg: Triple) -> RigidTransform:
+    """Return the transform with this translation and R = Rz(yaw) Ry(pitch) Rx(roll).
+
+    Examples
+    --------
+    >>> camera_up = transform_from_angles((0.0, 0.0, 1.8), (0.0, -90.0, 0.0))
+    >>> camera_up.apply([1.0, 0.0, 0.0]).round(6)
+    array([0. , 0. , 2.8])
+    """
+    rotation = Rotation.from_euler("ZYX", roll_pitch_yaw_deg[::-1], degrees=True)
+    return RigidTransform.from_components(translation_m, rotation)
+
+
+def angles_from_transform(transform: RigidTransform) -> tuple[Triple, Triple]:
+    """Return translation in metres and roll, pitch, yaw in degrees: the inverse of `transform_from_angles`.
+
+    At a pitch of 90 degrees, where roll and yaw turn about the same axis, the roll is given as zero.
+    """
+    with warnings.catch_warnings():
+        # SciPy warns at that pitch; the angles that it returns still give the same rotation.
+        warnings.simplefilter("ignore", UserWarning)
+        yaw, pitch, roll = transform.rotation.as_euler("ZYX", degrees=True)
+    x, y, z = (float(value) for value in transform.translation)
+    return (x, y, z), (_rounded(roll), _rounded(pitch), _rounded(yaw))
+
+
+def degrees(angle: float) -> float:
+    """Return an angle in degrees without the noise of the conversion in its last digits."""
+    return _rounded(float(np.degrees(angle)))
+
+
+def _rounded(angle_deg: float) -> float:
+    return round(float(angle_deg), _DECIMALS_DEG) + 0.0

@@ -1,0 +1,178 @@
+"""The csv files of a localization: measurements.csv and refusals.csv."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import combinations_with_replacement
+from pathlib import Path
+
+import numpy as np
+
+from palletloc.geometry import FloatArray, LevelPose
+from palletloc.io.csv_table import Row, format_number, read_rows, write_rows
+from palletloc.measurement import PalletMeasurement, Reason, Refusal, Stage, YawSource
+
+POSE_COLUMNS = ("x_m", "y_m", "z_m", "yaw_rad")
+"""A level pose."""
+COVARIANCE_COLUMNS = tuple(
+    f"cov_{first}{second}" for first, second in combinations_with_replacement("xyzw", 2)
+)
+"""The upper triangle of the covariance of (x, y, z, yaw), row by row; ``w`` is the yaw."""
+MEASUREMENT_COLUMNS = ("time_s", "file", "model", *POSE_COLUMNS, *COVARIANCE_COLUMNS, "score", "yaw_from")
+"""Header of measurements.csv."""
+REFUSAL_COLUMNS = ("time_s", "file", "model", "stage", "reason")
+"""Header of refusals.csv."""
+
+_RESULT_COLUMNS = MEASUREMENT_COLUMNS[3:]
+_UPPER = np.triu_indices(4)
+
+
+@dataclass(frozen=True, slots=True)
+class NoPose:
+    """The row of a given start from which no pallet was found: a measurement with empty cells."""
+
+    time: float
+    """When the shot was exposed, in seconds."""
+    model: str
+    """Name of the pallet model, as the start gives it."""
+    file: str = ""
+    """The shot's image, as the recording names it."""
+
+
+def measurement_cells(measured: PalletMeasurement | NoPose) -> list[str]:
+    """Return the cells of a row of measurements.csv.
+
+    Metres and radians have six decimals, the covariance seven digits, the time all of its digits.
+
+    Raises
+    ------
+    ValueError
+        If a value is not finite.
+    """
+    cells = [format_time(measured.time), measured.file, measured.model]
+    if isinstance(measured, NoPose):
+        return cells + [""] * len(_RESULT_COLUMNS)
+    pose, covariance = measured.forklift_from_pallet.as_array(), measured.covariance[_UPPER]
+    if not np.isfinite(covariance).all():
+        raise ValueError(f"expected a finite covariance to write, got {measured.covariance}")
+    cells += [format_number(float(value)) for value in pose]
+    cells += [f"{value + 0.0:.6e}" for value in covariance]
+    return [*cells, format_number(measured.score, 4), str(measured.yaw_from)]
+
+
+def refusal_cells(refusal: Refusal) -> list[str]:
+    """Return the cells of a row of refusals.csv."""
+    return [format_time(refusal.time), refusal.file, refusal.model, str(refusal.stage), str(refusal.reason)]
+
+
+def format_time(time: float) -> str:
+    """Return a time with all of its digits, so that it finds its shot again.
+
+    Raises
+    ------
+    ValueError
+        If it is not finite.
+    """
+    if not math.isfinite(time):
+        raise ValueError(f"expected a finite time to write, got {time}")
+    return repr(float(time))
+
+
+def write_measurements(path: Path, rows: Iterable[PalletMeasurement | NoPose]) -> None:
+    """Write measurements.csv, whole or not at all.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written.
+    """
+    write_rows(path, MEASUREMENT_COLUMNS, (measurement_cells(row) for row in rows))
+
+
+def read_measurements(path: str | Path) -> tuple[PalletMeasurement | NoPose, ...]:
+    """Read measurements.csv.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+
+    Returns
+    -------
+    tuple of PalletMeasurement and NoPose
+        In the file's order.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or a row is wrong; names the line.
+    """
+    return tuple(_measurement(row) for row in read_rows(Path(path), MEASUREMENT_COLUMNS))
+
+
+def _measurement(row: Row) -> PalletMeasurement | NoPose:
+    time, model, file = row.number("time_s"), row.text("model"), row.cells["file"]
+    if row.is_empty(_RESULT_COLUMNS):
+        return NoPose(time, model, file)
+    return PalletMeasurement(
+        time,
+        model,
+        read_pose(row),
+        _covariance(row),
+        row.number("score"),
+        row.choice("yaw_from", YawSource),
+        file,
+    )
+
+
+def _covariance(row: Row) -> FloatArray:
+    covariance = np.zeros((4, 4))
+    covariance[_UPPER] = row.numbers(COVARIANCE_COLUMNS)
+    covariance += np.triu(covariance, 1).T
+    if not (np.diag(covariance) >= 0).all():
+        raise row.fault("cov_xx, cov_yy, cov_zz, cov_ww: expected variances, which are not negative")
+    return covariance
+
+
+def read_pose(row: Row) -> LevelPose:
+    """Return the level pose of a row that has `POSE_COLUMNS`.
+
+    Raises
+    ------
+    TableError
+        If a cell is not a finite number.
+    """
+    return LevelPose(*row.numbers(POSE_COLUMNS))
+
+
+def write_refusals(path: Path, refusals: Iterable[Refusal]) -> None:
+    """Write refusals.csv, whole or not at all.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written.
+    """
+    write_rows(path, REFUSAL_COLUMNS, (refusal_cells(refusal) for refusal in refusals))
+
+
+def read_refusals(path: str | Path) -> tuple[Refusal, ...]:
+    """Read refusals.csv.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or a row is wrong; names the line.
+    """
+    return tuple(
+        Refusal(
+            row.number("time_s"),
+            row.text("model"),
+            row.choice("stage", Stage),
+            row.choice("reason", Reason),
+            row.cells["file"],
+        )
+        for row in read_rows(Path(path), REFUSAL_COLUMNS)
+    )

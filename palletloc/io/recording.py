@@ -1,0 +1,284 @@
+"""A recording: one approach in a folder, with its shots, odometry, camera and shelf."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from palletloc.cameras.protocol import CameraModel
+from palletloc.errors import PalletLocError
+from palletloc.geometry import Image, wrap_angle
+from palletloc.io.atomic import write_text, written_beside
+from palletloc.io.camera_spec import (
+    angles_from_transform,
+    camera_from_spec,
+    degrees,
+    spec_from_camera,
+    transform_from_angles,
+)
+from palletloc.io.csv_table import TableError, format_number, in_order_of_time, read_rows, write_rows
+from palletloc.io.images import read_image, write_image
+from palletloc.io.measurements import format_time
+from palletloc.io.reading import InputError, read_bytes
+from palletloc.io.schema import MountingSpec, RecordingSpec, ShelfSpec
+from palletloc.io.truth import Truth, write_truth
+from palletloc.io.yaml_document import DocumentError, read_document, write_document
+from palletloc.mounting import Mounting
+from palletloc.pallet import PalletModel
+from palletloc.pallet_library import find_models, format_pallets, read_pallets
+from palletloc.shelf import ShelfPlane
+from palletloc.trajectory import Trajectory
+
+RECORDING, PALLETS, SHOTS, ODOMETRY = "recording.yaml", "pallets.yaml", "shots.csv", "odometry.csv"
+"""Names of the files in the folder."""
+SHOT_COLUMNS = ("time_s", "file")
+"""Header of shots.csv."""
+ODOMETRY_COLUMNS = ("time_s", "x_m", "y_m", "yaw_rad", "speed_mps", "yaw_rate_radps")
+"""Header of odometry.csv."""
+MIN_SHELF_DISTANCE = 0.2
+"""Closest that the camera may be to the shelf's front plane, in metres."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shot:
+    """An image with its time."""
+
+    time: float
+    """When it was exposed, in seconds."""
+    file: str
+    """Its file, relative to the recording."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """What a recording's folder says; the images stay in their files until they are asked for."""
+
+    folder: Path
+    """Where it is."""
+    camera: CameraModel
+    """The camera."""
+    forklift_from_camera: RigidTransform
+    """Its mounting."""
+    shelf: ShelfPlane
+    """The nominal front plane of the shelf, in odom."""
+    models: tuple[PalletModel, ...]
+    """The pallets to look for."""
+    shots: tuple[Shot, ...]
+    """In order of time."""
+    odometry: Trajectory
+    """``odom_from_forklift``, with speed and yaw rate."""
+    translation_sigma: tuple[float, float, float] | None = None
+    """Standard deviations of the mounting along the forklift's axes, in metres; None where unknown."""
+    rotation_sigma: tuple[float, float, float] | None = None
+    """Standard deviations of the mounting about the forklift's axes, in radians; None where unknown."""
+
+    @property
+    def mounting(self) -> Mounting:
+        """The mounting with its uncertainty; where that is unknown, the one that `Mounting` assumes."""
+        mounting = Mounting(self.forklift_from_camera)
+        return replace(
+            mounting,
+            translation_sigma=self.translation_sigma or mounting.translation_sigma,
+            rotation_sigma=self.rotation_sigma or mounting.rotation_sigma,
+        )
+
+    def image(self, shot: Shot, *, gray: bool = False) -> Image:
+        """Read and decode the image of a shot; it is not kept.
+
+        Parameters
+        ----------
+        shot : Shot
+            One of the recording's.
+        gray : bool
+            Whether to decode to gray.
+
+        Returns
+        -------
+        (height, width, 3) or (height, width) array of uint8
+            In blue-green-red order, or gray.
+
+        Raises
+        ------
+        ImageError
+            If the file is missing, damaged, too large, or not of the camera's size.
+        """
+        return read_image(self.folder / shot.file, (self.camera.width, self.camera.height), gray=gray)
+
+    def digest(self) -> str:
+        """Return a short text that changes when the files do (images aside) or the pallet models."""
+        digest = hashlib.sha256(repr(self.models).encode())
+        for name in (RECORDING, SHOTS, ODOMETRY):
+            digest.update(hashlib.sha256(read_bytes(self.folder / name)).digest())
+        return digest.hexdigest()[:16]
+
+
+def read_recording(folder: str | Path) -> Recording:
+    """Read a recording, except for its images and its truth.
+
+    Parameters
+    ----------
+    folder : str or Path
+        With recording.yaml, shots.csv, odometry.csv, and pallets.yaml where the user has own models.
+
+    Returns
+    -------
+    Recording
+        Checked; see `check_shelf` for what needs all of it.
+
+    Raises
+    ------
+    PalletLocError
+        If a file is missing or wrong; names file, line or key and what was expected.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; expected a recording with {RECORDING} in it")
+    path = folder / RECORDING
+    spec = read_document(path, RecordingSpec)
+    mounting = spec.forklift_from_camera
+    try:
+        camera = camera_from_spec(spec.camera)
+    except ValueError as error:
+        raise DocumentError(f"{path}: camera: {error}") from error
+    return Recording(
+        folder,
+        camera,
+        transform_from_angles(mounting.translation_m, mounting.roll_pitch_yaw_deg),
+        _shelf(spec.shelf),
+        _read_models(folder, spec.pallets),
+        _read_shots(folder / SHOTS),
+        _read_odometry(folder / ODOMETRY),
+        mounting.translation_sigma_m,
+        _scaled(mounting.rotation_sigma_deg, np.pi / 180),
+    )
+
+
+def _shelf(spec: ShelfSpec) -> ShelfPlane:
+    return ShelfPlane(*spec.point_m, wrap_angle(float(np.radians(spec.facing_deg))), spec.levels_m or ())
+
+
+def _scaled(values: tuple[float, float, float] | None, factor: float) -> tuple[float, float, float] | None:
+    return None if values is None else (values[0] * factor, values[1] * factor, values[2] * factor)
+
+
+def _read_models(folder: Path, names: tuple[str, ...]) -> tuple[PalletModel, ...]:
+    path = folder / PALLETS
+    user = read_pallets(path) if path.exists() else {}
+    try:
+        return find_models(names, user)
+    except PalletLocError as error:
+        raise DocumentError(f"{folder / RECORDING}: pallets: {error}") from error
+
+
+def _read_shots(path: Path) -> tuple[Shot, ...]:
+    rows = in_order_of_time(read_rows(path, SHOT_COLUMNS))
+    shots = tuple(Shot(row.number("time_s"), row.text("file")) for row in rows)
+    if not shots:
+        raise TableError(f"{path}: has no rows; expected at least one shot")
+    return shots
+
+
+def _read_odometry(path: Path) -> Trajectory:
+    rows = in_order_of_time(read_rows(path, ODOMETRY_COLUMNS))
+    cells = (row.number(column) for row in rows for column in ODOMETRY_COLUMNS)
+    numbers = np.fromiter(cells, dtype=np.float64)
+    if not numbers.size:
+        raise TableError(f"{path}: has no rows; expected at least one pose")
+    times, x, y, yaw, speed, yaw_rate = numbers.reshape(-1, len(ODOMETRY_COLUMNS)).T
+    return Trajectory(times, x, y, yaw, speed=speed, yaw_rate=yaw_rate)
+
+
+def check_shelf(recording: Recording) -> None:
+    """Check that the camera is in front of the shelf at the first shot.
+
+    Raises
+    ------
+    DocumentError
+        If the plane passes through the camera or faces away from it; names the key.
+    TrajectoryError
+        If the odometry does not cover the first shot.
+    """
+    odom_from_forklift = recording.odometry.pose_at(recording.shots[0].time).transform()
+    x, y, _ = odom_from_forklift.apply(recording.forklift_from_camera.translation)
+    shelf = recording.shelf
+    distance = float((x - shelf.x) * np.cos(shelf.facing) + (y - shelf.y) * np.sin(shelf.facing))
+    if distance < MIN_SHELF_DISTANCE:
+        where = "behind the plane" if distance <= -MIN_SHELF_DISTANCE else "on the plane"
+        raise DocumentError(
+            f"{recording.folder / RECORDING}: shelf: at the first shot the camera is {where},"
+            f" {distance:.2f} m in front of it; expected at least {MIN_SHELF_DISTANCE} m"
+            " on the side that facing_deg points to"
+        )
+
+
+def write_recording(
+    folder: str | Path, recording: Recording, images: Iterable[Image], truth: Truth | None = None
+) -> None:
+    """Write a recording, whole or not at all.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Does not exist yet, or is empty. The recording's own folder plays no part.
+    recording : Recording
+        What `read_recording` reads back; numbers of the odometry have six decimals.
+    images : iterable of (height, width, 3) or (height, width) arrays of uint8
+        One per shot, in order; taken and written one by one.
+    truth : Truth, optional
+        To be written with it.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written, or the folder has something in it.
+    ValueError
+        If there is another number of images than of shots, one is not of the camera's size, or its file
+        lies outside the folder.
+    """
+    with written_beside(Path(folder)) as partial:
+        write_document(partial / RECORDING, _spec(recording))
+        write_text(partial / PALLETS, format_pallets(recording.models))
+        shots = ((format_time(shot.time), shot.file) for shot in recording.shots)
+        write_rows(partial / SHOTS, SHOT_COLUMNS, shots)
+        write_rows(partial / ODOMETRY, ODOMETRY_COLUMNS, _odometry_rows(recording.odometry))
+        for shot, image in zip(recording.shots, images, strict=True):
+            if image.shape[:2] != (recording.camera.height, recording.camera.width):
+                raise ValueError(f"{shot.file}: the image has the shape {image.shape}, not the camera's size")
+            if Path(shot.file).is_absolute() or ".." in Path(shot.file).parts:
+                raise ValueError(f"{shot.file}: expected a file inside the recording")
+            write_image(partial / shot.file, image)
+        if truth is not None:
+            write_truth(partial, truth)
+
+
+def _spec(recording: Recording) -> RecordingSpec:
+    translation, angles = angles_from_transform(recording.forklift_from_camera)
+    rotation_sigma = recording.rotation_sigma
+    shelf = recording.shelf
+    return RecordingSpec(
+        format=1,
+        camera=spec_from_camera(recording.camera),
+        forklift_from_camera=MountingSpec(
+            translation_m=translation,
+            roll_pitch_yaw_deg=angles,
+            translation_sigma_m=recording.translation_sigma,
+            rotation_sigma_deg=None if rotation_sigma is None else tuple(degrees(s) for s in rotation_sigma),
+        ),
+        shelf=ShelfSpec(
+            point_m=(shelf.x, shelf.y), facing_deg=degrees(shelf.facing), levels_m=shelf.levels or None
+        ),
+        pallets=tuple(model.name for model in recording.models),
+    )
+
+
+def _odometry_rows(odometry: Trajectory) -> Iterable[list[str]]:
+    if odometry.speed is None or odometry.yaw_rate is None:
+        raise ValueError("a recording's odometry needs speed and yaw rate")
+    columns = (odometry.x, odometry.y, wrap_angle(odometry.yaw), odometry.speed, odometry.yaw_rate)
+    for time, *values in zip(odometry.times, *columns, strict=True):
+        yield [format_time(float(time)), *(format_number(float(value)) for value in values)]

@@ -1,0 +1,125 @@
+"""The yaml files of a recording as people write them: units in the names, angles in degrees."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BeforeValidator, Field
+
+from palletloc.io.images import MAX_SIDE_PX
+from palletloc.io.yaml_document import Document, Numbers
+
+Number = Annotated[float, BeforeValidator(Numbers())]
+"""One finite number."""
+Angle = Annotated[float, BeforeValidator(Numbers(positive=True)), Field(le=180.0)]
+"""A field of view from the axis, in degrees."""
+Pair = Annotated[tuple[float, float], BeforeValidator(Numbers(2))]
+"""Two finite numbers."""
+Focal = Annotated[tuple[float, float], BeforeValidator(Numbers(2, positive=True))]
+"""Two positive numbers."""
+Triple = Annotated[tuple[float, float, float], BeforeValidator(Numbers(3))]
+"""Three finite numbers."""
+Sigmas = Annotated[tuple[float, float, float], BeforeValidator(Numbers(3, non_negative=True))]
+"""Three standard deviations."""
+FourNumbers = Annotated[tuple[float, float, float, float], BeforeValidator(Numbers(4))]
+"""Four finite numbers."""
+FiveNumbers = Annotated[tuple[float, float, float, float, float], BeforeValidator(Numbers(5))]
+"""Five finite numbers."""
+Pixels = Annotated[int, Field(strict=True, gt=0, le=MAX_SIDE_PX)]
+"""Width or height of an image."""
+
+
+class EquirectangularSpec(Document):
+    """A stitched 360-degree image."""
+
+    model: Literal["equirectangular"]
+    width: Pixels
+    height: Pixels
+
+
+class KannalaBrandtSpec(Document):
+    """A fisheye lens in the model of Kannala and Brandt."""
+
+    model: Literal["kannala_brandt"]
+    width: Pixels
+    height: Pixels
+    focal_px: Focal
+    center_px: Pair
+    distortion: FourNumbers
+    """k1, k2, k3, k4."""
+    max_angle_deg: Angle
+    """How far off its axis the lens sees."""
+
+
+class PinholeSpec(Document):
+    """A pinhole camera with Brown's distortion."""
+
+    model: Literal["pinhole"]
+    width: Pixels
+    height: Pixels
+    focal_px: Focal
+    center_px: Pair
+    distortion: FiveNumbers
+    """k1, k2, p1, p2, k3, as OpenCV orders them."""
+
+
+class LensSpec(Document):
+    """One lens of a dual fisheye camera."""
+
+    focal_px: Focal
+    center_px: Pair
+    """In the whole image, as the camera writes it."""
+    distortion: FourNumbers
+    max_angle_deg: Angle
+    translation_m: Triple
+    """The lens's optical centre in the camera frame."""
+    roll_pitch_yaw_deg: Triple
+    """Its orientation there: R = Rz(yaw) Ry(pitch) Rx(roll)."""
+
+
+class DualFisheyeSpec(Document):
+    """Two fisheye lenses back to back, before stitching."""
+
+    model: Literal["dual_fisheye"]
+    width: Pixels
+    height: Pixels
+    lenses: Annotated[tuple[LensSpec, ...], Field(min_length=2, max_length=2)]
+
+
+CameraSpec = Annotated[
+    EquirectangularSpec | KannalaBrandtSpec | PinholeSpec | DualFisheyeSpec, Field(discriminator="model")
+]
+"""Any camera model, told apart by its key ``model``."""
+
+
+class MountingSpec(Document):
+    """Where the camera is on the forklift."""
+
+    translation_m: Triple
+    roll_pitch_yaw_deg: Triple
+    """R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    translation_sigma_m: Sigmas | None = None
+    """Standard deviations along the forklift's axes."""
+    rotation_sigma_deg: Sigmas | None = None
+    """Standard deviations about the forklift's axes."""
+
+
+class ShelfSpec(Document):
+    """The nominal front plane of the shelf, in odom."""
+
+    point_m: Pair
+    facing_deg: Number
+    """Heading of the normal that points from the shelf into the aisle."""
+    levels_m: tuple[Number, ...] | None = None
+    """Heights that loads stand on."""
+
+
+class RecordingSpec(Document):
+    """The file recording.yaml."""
+
+    format: Literal[1]
+    camera: CameraSpec
+    forklift_from_camera: MountingSpec
+    shelf: ShelfSpec
+    pallets: Annotated[tuple[str, ...], Field(min_length=1)]
+    """Names of pallet models."""

@@ -1,0 +1,82 @@
+"""Given starts, which take the place of detection: the file that ``--initial`` names."""
+
+from __future__ import annotations
+
+from bisect import bisect
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+
+from palletloc.geometry import LevelPose
+from palletloc.io.csv_table import Row, read_rows
+from palletloc.io.measurements import POSE_COLUMNS, read_pose
+from palletloc.io.recording import Shot
+
+START_COLUMNS = ("time_s", "model", *POSE_COLUMNS)
+"""Header of the file."""
+TIME_TOLERANCE = 5e-4
+"""How far a start's time may be from that of its shot, in seconds."""
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """Where a pallet should be measured."""
+
+    model: str
+    """Name of the pallet model."""
+    forklift_from_pallet: LevelPose
+    """Roughly where the pallet is when the shot is exposed."""
+
+
+@dataclass(frozen=True, slots=True)
+class ShotStarts:
+    """The starts of one shot that stand together in the file."""
+
+    shot: Shot
+    """The shot that their times mean."""
+    starts: tuple[Start, ...]
+    """In the file's order."""
+
+
+def read_starts(path: Path, shots: Sequence[Shot]) -> tuple[ShotStarts, ...]:
+    """Read the starts of a recording's shots.
+
+    Parameters
+    ----------
+    path : Path
+        A csv file with the columns `START_COLUMNS`, poses in the forklift frame, in any order.
+    shots : sequence of Shot
+        Those of the recording, in order of time.
+
+    Returns
+    -------
+    tuple of ShotStarts
+        In the file's order, neighbours of the same shot together: a shot that the file comes back to
+        is there again.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, a row is wrong or its time is that of no shot; names the line.
+    """
+    pairs = _pairs(path, shots)
+    return tuple(
+        ShotStarts(shot, tuple(start for _, start in group))
+        for shot, group in groupby(pairs, key=lambda pair: pair[0])
+    )
+
+
+def _pairs(path: Path, shots: Sequence[Shot]) -> Iterator[tuple[Shot, Start]]:
+    times = [shot.time for shot in shots]
+    for row in read_rows(path, START_COLUMNS):
+        yield _shot_of(row, shots, times), Start(row.text("model"), read_pose(row))
+
+
+def _shot_of(row: Row, shots: Sequence[Shot], times: Sequence[float]) -> Shot:
+    time = row.number("time_s")
+    after = bisect(times, time)
+    nearest = min(shots[max(after - 1, 0) : after + 1], key=lambda shot: abs(shot.time - time))
+    if abs(nearest.time - time) > TIME_TOLERANCE:
+        raise row.fault(f"time_s: no shot at {time:.6g} s; the nearest is at {nearest.time:.6g} s")
+    return nearest

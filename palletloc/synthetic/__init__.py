@@ -1,0 +1,1 @@
+"""Synthetic scenes: recordings of aisles that never were, with exact truth."""

@@ -1,0 +1,175 @@
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from palletloc.io.reading import InputError
+from palletloc.io.schema import MountingSpec, PinholeSpec, RecordingSpec, ShelfSpec
+from palletloc.io.yaml_document import DocumentError, read_document, write_document
+
+TEXT = """\
+format: 1
+camera: {model: equirectangular, width: 3840, height: 1920}
+forklift_from_camera: {translation_m: [0.30, -0.08, 1.85], roll_pitch_yaw_deg: [-0.7, 0.9, -1.2]}
+shelf:
+  point_m: [3.84, 1.78]
+  facing_deg: -91.6
+  levels_m: [0.0, 1.55]
+pallets: [t11-plastic]
+"""
+CAMERA = "{model: equirectangular, width: 3840, height: 1920}"
+FISHEYE = (
+    "{model: kannala_brandt, width: 900, height: 900, focal_px: [280, 281], center_px: [449.5, 449.5],"
+    " distortion: [0.01, 0, 0, 0], max_angle_deg: 95}"
+)
+LENS = (
+    "{focal_px: [280, 280], center_px: [449.5, 449.5], distortion: [0, 0, 0, 0], max_angle_deg: 95,"
+    " translation_m: [0.02, 0, 0], roll_pitch_yaw_deg: [0, 0, 0]}"
+)
+DUAL = f"{{model: dual_fisheye, width: 1800, height: 900, lenses: [{LENS}, {LENS}]}}"
+
+
+def read(folder: Path, text: str) -> RecordingSpec:
+    path = folder / "recording.yaml"
+    path.write_text(text)
+    return read_document(path, RecordingSpec)
+
+
+def test_the_form_of_the_documentation_is_read(tmp_path: Path) -> None:
+    spec = read(tmp_path, "\ufeff" + TEXT.replace("\n", "\r\n"))
+    assert spec.camera.width == 3840
+    assert spec.forklift_from_camera.translation_m == (0.3, -0.08, 1.85)
+    assert spec.forklift_from_camera.rotation_sigma_deg is None
+    assert spec.shelf.levels_m == (0.0, 1.55)
+    assert spec.pallets == ("t11-plastic",)
+
+
+def test_a_number_that_yaml_takes_for_a_text_is_a_number(tmp_path: Path) -> None:
+    assert read(tmp_path, TEXT.replace("-91.6", "1e-3")).shelf.facing_deg == 1e-3
+
+
+@pytest.mark.parametrize("camera", [FISHEYE, DUAL])
+def test_the_other_cameras_are_read(tmp_path: Path, camera: str) -> None:
+    assert read(tmp_path, TEXT.replace(CAMERA, camera)).camera.height == 900
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("facing_deg", "facing_dg", r": shelf: unknown key 'facing_dg'; did you mean 'facing_deg'\?"),
+        ("width", "widht", r": camera: unknown key 'widht'; did you mean 'width'\?"),
+        ("shelf:", "shelff:", r": unknown key 'shelff'; did you mean 'shelf'\?"),
+        ("width: 3840, ", "", r": camera\.width: is missing"),
+        ("format: 1\n", "", r": format: is missing"),
+        ("format: 1", "format: 2", r": format: input should be 1, got 2"),
+        (
+            "model: equirectangular",
+            "model: equirect",
+            r": camera: unknown model 'equirect'; did you mean 'equir",
+        ),
+        ("model: equirectangular, ", "", r": camera: expected a mapping with the key model"),
+        (CAMERA, "none", r": camera: expected a mapping, got 'none'"),
+        ("width: 3840", "width: 0", r": camera\.width: .*greater than 0, got 0"),
+        ("width: 3840", "width: 3840.5", r": camera\.width: .*integer, got 3840\.5"),
+        ("width: 3840", "width: 30000", r": camera\.width: .*16384, got 30000"),
+        ("[3.84, 1.78]", "[3.84]", r": shelf\.point_m: expected 2 finite numbers, got \[3\.84\]"),
+        ("[3.84, 1.78]", "3.84", r": shelf\.point_m: expected 2 finite numbers, got 3\.84"),
+        ("1.78", ".nan", r": shelf\.point_m: expected 2 finite numbers, got \[3\.84, nan\]"),
+        ("-91.6", ".inf", r": shelf\.facing_deg: expected a finite number, got inf"),
+        ("-91.6", "west", r": shelf\.facing_deg: expected a finite number, got 'west'"),
+        ("-91.6", "yes", r": shelf\.facing_deg: expected a finite number, got True"),
+        ("1.55]", ".nan]", r": shelf\.levels_m\[1\]: expected a finite number, got nan"),
+        ("1.85]", "1.85, 2]", r": forklift_from_camera\.translation_m: expected 3 finite numbers"),
+        (
+            "-1.2]",
+            "-1.2], translation_sigma_m: [0.01, -1, 0]",
+            r": forklift_from_camera\.translation_sigma_m: expected 3 finite non-negative numbers",
+        ),
+        ("[t11-plastic]", "[]", r": pallets: expected at least 1 in the list"),
+        ("[t11-plastic]", "t11-plastic", r": pallets: expected a list, got 't11-plastic'"),
+        ("[t11-plastic]", "[1200]", r": pallets\[0\]: .*string, got 1200"),
+        (CAMERA, FISHEYE.replace("280,", "-280,"), r": camera\.focal_px: expected 2 finite positive numbers"),
+        (
+            CAMERA,
+            FISHEYE.replace("[0.01, 0, 0, 0]", "[0, 0]"),
+            r": camera\.distortion: expected 4 finite numbers",
+        ),
+        (CAMERA, FISHEYE.replace(": 95", ": 190"), r": camera\.max_angle_deg: .*180, got 190"),
+        (
+            CAMERA,
+            DUAL.replace("center_px", "centre_px"),
+            r": camera\.lenses\[0\]: unknown key 'centre_px'; did you",
+        ),
+        (CAMERA, DUAL.replace(f", {LENS}", ""), r": camera\.lenses: expected at least 2 in the list"),
+        ("format: 1", "format: 1\nformat: 1", r", line 2: is not yaml: key 'format' stands there twice"),
+        ("[3.84, 1.78]", "[3.84, 1.78", r", line \d+: is not yaml: "),
+        ("format: 1", "\tformat: 1", r", line 1: is not yaml: "),
+        ("format: 1", "format: 2024-13-45", r": is not yaml: month"),
+        (TEXT, "", r": expected the keys format, camera, .*, got None"),
+        (TEXT, "- 1", r": expected the keys format, camera"),
+        (TEXT, "[" * 1500, r": is not yaml"),
+    ],
+)
+def test_a_bad_document_is_an_error_with_file_and_key(tmp_path: Path, old: str, new: str, said: str) -> None:
+    assert old in TEXT
+    with pytest.raises(DocumentError, match=rf"recording\.yaml{said}") as caught:
+        read(tmp_path, TEXT.replace(old, new))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_file_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"recording\.yaml: no such file"):
+        read_document(tmp_path / "recording.yaml", RecordingSpec)
+
+
+numbers = st.floats(-1e6, 1e6)
+names = st.text(st.characters(exclude_categories=("C", "Z")), min_size=1)
+
+
+@settings(max_examples=30)
+@given(
+    st.builds(
+        RecordingSpec,
+        format=st.just(1),
+        camera=st.builds(
+            PinholeSpec,
+            model=st.just("pinhole"),
+            width=st.integers(1, 16_384),
+            height=st.integers(1, 16_384),
+            focal_px=st.tuples(*[st.floats(1e-3, 1e6)] * 2),
+            center_px=st.tuples(numbers, numbers),
+            distortion=st.tuples(*[numbers] * 5),
+        ),
+        forklift_from_camera=st.builds(
+            MountingSpec,
+            translation_m=st.tuples(*[numbers] * 3),
+            roll_pitch_yaw_deg=st.tuples(*[numbers] * 3),
+            rotation_sigma_deg=st.none() | st.tuples(*[st.floats(0, 10)] * 3),
+        ),
+        shelf=st.builds(
+            ShelfSpec,
+            point_m=st.tuples(numbers, numbers),
+            facing_deg=numbers,
+            levels_m=st.none() | st.lists(numbers, min_size=1, max_size=3).map(tuple),
+        ),
+        pallets=st.lists(names, min_size=1, max_size=3).map(tuple),
+    )
+)
+def test_a_document_written_is_the_document_read(spec: RecordingSpec) -> None:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "recording.yaml"
+        write_document(path, spec)
+        assert read_document(path, RecordingSpec) == spec
+
+
+def test_exponents_survive_yamls_idea_of_a_number(tmp_path: Path) -> None:
+    spec = read(tmp_path, TEXT).model_copy(
+        update={"shelf": ShelfSpec(point_m=(1e-7, -1e16), facing_deg=math.pi)}
+    )
+    write_document(tmp_path / "again.yaml", spec)
+    assert read_document(tmp_path / "again.yaml", RecordingSpec) == spec

@@ -1,0 +1,183 @@
+"""The house's own rules: sizes, commands that stand in several places, and how the program fails."""
+
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import palletloc
+from palletloc.__main__ import main
+from palletloc.cli.app import COMMANDS, Command, run
+from palletloc.errors import PalletLocError
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGES = ("palletloc", "tracking", "calibration")
+MAX_LINES = 350
+HEAVY = {"cv2", "matplotlib", "numpy", "pydantic", "scipy", "skimage", "yaml"}
+
+
+def own_files(*suffixes: str) -> list[Path]:
+    folders = (*PACKAGES, "tests", "docs", "examples", "benchmarks", ".ci")
+    found = [path for folder in folders for path in sorted((ROOT / folder).rglob("*"))]
+    made = {"_build", "gallery", "api", "__pycache__"}
+    return [path for path in found if path.suffix in suffixes and not made & set(path.parts)]
+
+
+def make_targets() -> set[str]:
+    return set(re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+
+
+def shell_lines(page: Path) -> list[str]:
+    blocks = re.findall(r"^```(?:sh|bash|console)\n(.*?)^```", page.read_text(), re.MULTILINE | re.DOTALL)
+    lines = [line.removeprefix("$ ").split("#")[0].strip() for block in blocks for line in block.splitlines()]
+    return [line for line in lines if line]
+
+
+# Commands that stand for what the frame has to deal with; `Command` finds them here by name.
+
+
+def refuses() -> None:
+    """Refuse."""
+    raise PalletLocError("shots.csv, line 3: 'time_s' is\nnot a number")
+
+
+def cannot_read() -> None:
+    """Read a file that is not there."""
+    Path("no/such/file.csv").read_text()
+
+
+def is_interrupted() -> None:
+    """Take too long."""
+    raise KeyboardInterrupt
+
+
+def succeeds() -> None:
+    """Do nothing."""
+
+
+@pytest.fixture
+def commands(monkeypatch: pytest.MonkeyPatch) -> list[Command]:
+    module = sys.modules[__name__]
+    monkeypatch.setitem(sys.modules, "house_commands", module)
+    functions = (refuses, cannot_read, is_interrupted, succeeds)
+    rows = [
+        Command(f.__name__.replace("_", "-"), f"house_commands:{f.__name__}", f.__doc__ or "")
+        for f in functions
+    ]
+    return [*rows, Command("absent", "palletloc.no_such_module:absent", "Not there.")]
+
+
+def palletloc_program(*arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "palletloc", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
+
+
+@pytest.mark.parametrize("path", own_files(".py"), ids=lambda path: str(path.relative_to(ROOT)))
+def test_a_file_has_at_most_350_lines(path: Path) -> None:
+    lines = path.read_text(encoding="utf-8").count("\n")
+    assert lines <= MAX_LINES
+
+
+def test_the_version_stands_once_and_is_the_newest_in_the_changelog() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    versions = re.findall(r"^## \[(\d+\.\d+\.\d+)\]", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+    assert palletloc.__version__ == project["version"] == versions[0]
+
+
+def test_every_package_says_that_it_is_typed() -> None:
+    assert [package for package in PACKAGES if not (ROOT / package / "py.typed").is_file()] == []
+
+
+def test_the_readme_sets_up_and_tests_as_the_makefile_does() -> None:
+    lines = shell_lines(ROOT / "README.md")
+    makefile = (ROOT / "Makefile").read_text()
+    assert {"make demo", "make test"} <= set(lines)
+    installs = [line for line in lines if "pip install" in line]
+    assert installs
+    for extras in re.findall(r"\[([a-z,]+)\]", " ".join(installs)):
+        assert re.search(rf"extras = {extras}$", makefile, re.MULTILINE)
+    for line in lines:
+        if "pytest" in line or line == "palletloc demo":
+            assert f"$(BIN)/{line}" in makefile
+
+
+@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", "docs/install.md", ".ci/run"])
+def test_every_make_target_that_is_named_exists(page: str) -> None:
+    named = set(
+        re.findall(r"\bmake ([a-z]+)\b(?=[`\s]*(?:$|[`#,;.]| VENV))", (ROOT / page).read_text(), re.MULTILINE)
+    )
+    assert named
+    assert named <= make_targets()
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command.name)
+def test_the_list_of_commands_says_what_the_commands_say_themselves(command: Command) -> None:
+    loaded = command.load()
+    assert callable(loaded)
+    assert (loaded.__doc__ or "").strip().splitlines()[0] == command.summary
+
+
+def test_bad_input_is_one_line_and_exit_code_1(
+    commands: list[Command], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["refuses"], commands) == 1
+    assert capsys.readouterr() == ("", "palletloc: shots.csv, line 3: 'time_s' is not a number\n")
+
+
+def test_a_file_that_cannot_be_read_is_one_line_that_names_it(
+    commands: list[Command], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["cannot-read"], commands) == 1
+    assert capsys.readouterr().err == f"palletloc: {Path('no/such/file.csv')}: No such file or directory\n"
+
+
+def test_verbose_adds_where_it_happened(
+    commands: list[Command], caplog: pytest.LogCaptureFixture, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["--verbose", "refuses"], commands) == 1
+    assert capsys.readouterr().err.startswith("palletloc: shots.csv")
+    assert [record.exc_info is not None for record in caplog.records] == [True]
+
+
+def test_an_interrupt_is_one_line_and_exit_code_130(
+    commands: list[Command], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["is-interrupted"], commands) == 130
+    assert capsys.readouterr() == ("", "palletloc: interrupted\n")
+
+
+@pytest.mark.parametrize("arguments", [["no-such-command"], ["--no-such-option"], ["succeeds", "more"], []])
+def test_wrong_usage_is_exit_code_2(arguments: list[str], commands: list[Command]) -> None:
+    assert run(arguments, commands) == 2
+
+
+def test_success_is_exit_code_0_and_needs_no_other_command(commands: list[Command]) -> None:
+    assert run(["succeeds"], commands) == 0
+    assert run(["--help"], commands) == 0
+
+
+def test_a_fault_of_the_program_is_not_taken_for_bad_input(commands: list[Command]) -> None:
+    with pytest.raises(ModuleNotFoundError):
+        run(["absent"], commands)
+
+
+def test_the_program_exits_with_the_code_of_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "argv", ["palletloc", "no-such-command"])
+    with pytest.raises(SystemExit) as ending:
+        main()
+    assert ending.value.code == 2
+
+
+def test_help_lists_every_command_and_imports_nothing_heavy() -> None:
+    code = "import sys; from palletloc.cli.app import run; run(['--help']); print(*sys.modules)"
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    *listing, modules = ended.stdout.splitlines()
+    assert all(any(f" {command.name} " in line for line in listing) for command in COMMANDS)
+    assert set(modules.split()) & HEAVY == set()
+
+
+def test_version_is_the_packages() -> None:
+    assert palletloc_program("--version").stdout == f"palletloc {palletloc.__version__}\n"

@@ -28,7 +28,7 @@ class Method(StrEnum):
 class PriorConfig:
     """What is known before anything is measured."""
 
-    level_sigma: float = 0.005
+    level_sigma: float = 0.003
     """How far loads stand from the known levels (one standard deviation), in metres."""
     level_reach: float = 0.30
     """How far from a known level a given start may be to belong to it, in metres."""

@@ -34,7 +34,7 @@ class ShelfPlaneError(PalletLocError):
 class DetectionConfig:
     """How pallets are looked for."""
 
-    resolution: float = 0.008
+    resolution: float = 0.012
     """Metres per pixel of the shelf-plane view where levels are known."""
     coarse_resolution: float = 0.014
     """Metres per pixel of the view where the whole plane is searched."""

@@ -15,6 +15,9 @@ import numpy as np
 from palletloc.geometry import FloatArray
 from palletloc.pallet import Opening, PalletModel
 
+BLUNT_EDGE = 0.003
+"""Uncertainty of an edge with both adjoining surfaces in view, beside that of its rounding, in metres."""
+
 
 class EdgeKind(StrEnum):
     """Which part of the face an edge belongs to."""
@@ -154,7 +157,8 @@ def edge_shift(edge: FaceEdge, plane_from_camera: FloatArray, model: PalletModel
         else:
             mean, sigma = -contour, contour / 4
     else:
-        mean, sigma = 0.75 * radius * tangent, radius * (0.2 + 0.25 * tangent)
+        # nothing is sharp about an edge of which both surfaces are seen
+        mean, sigma = 0.75 * radius * tangent, np.hypot(BLUNT_EDGE, radius * (0.2 + 0.25 * tangent))
         if edge.kind is EdgeKind.TOP:  # a load may begin anywhere near it
             sigma += 2 * radius
     return EdgeShift(float(mean), float(np.hypot(sigma, model.tolerance)))

@@ -31,13 +31,13 @@ class FaceFitConfig:
     """How far from its place an edge is looked for, in metres."""
     reach_px: float = 1.5
     """The same in pixels of the camera's image: the larger holds."""
-    first_reach: float = 0.03
+    first_reach: float = 0.022
     """How far upright edges, which have no neighbours, are looked for at first, in metres."""
     iterations: int = 5
     """Most views of the face, each placed where the last fit says."""
     min_coverage: float = 0.3
     """Least part of an edge that must be seen for it to count."""
-    max_doubt: float = 1.0
+    max_doubt: float = 1.5
     """Up to how many missing or contradicting edges a pose is taken without trying another."""
     min_edges: int = 5
     """Fewest edges that must be seen."""
@@ -77,7 +77,8 @@ class FaceEstimate:
     @property
     def doubt(self) -> float:
         """How many edges are missing or contradict the others; below about 1 the pose is the right one."""
-        return float(self.seen.expected - self.weights.sum() + max(self.chi2 - 1.0, 0.0))
+        certain = self.weights[[not self.seen.loaded(one.edge) for one in self.seen.edges]]
+        return float(self.seen.expected - certain.sum() + max(self.chi2 - 1.0, 0.0))
 
 
 def fit_face(

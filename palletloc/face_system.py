@@ -52,7 +52,7 @@ class FaceSystem:
     def __init__(self, seen: FaceView, pose: LevelPose, mounting: Mounting) -> None:
         self.seen = seen
         self._mounting = mounting
-        forklift_from_plane = (pose.transform() * PALLET_FROM_VERTICAL).as_matrix()
+        forklift_from_plane = pose.matrix() @ PALLET_FROM_VERTICAL.as_matrix()
         self._axes, self._origin = forklift_from_plane[:3, :3], forklift_from_plane[:3, 3]
         middles = np.array([one.edge.middle for one in seen.edges])
         outward = np.array([one.edge.outward for one in seen.edges])
@@ -66,7 +66,7 @@ class FaceSystem:
 
     def _image_motion(self, points: FloatArray) -> FloatArray:
         """Return what each unknown does to the images of face points on the plane, (n, 2, 10)."""
-        apparent = np.stack([self._mounting.apparent_motion(self._origin + self._axes[:, :2] @ p) for p in points])
+        apparent = self._mounting.apparent_motion(self._origin + points @ self._axes[:, :2].T)
         moved = np.zeros((len(points), 3, _UNKNOWNS))
         moved[:, 0, 0] = moved[:, 1, 1] = 1.0
         moved[:, 2, 2], moved[:, 2, 3] = -1.0, -points[:, 0]

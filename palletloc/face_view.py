@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
@@ -15,7 +15,7 @@ from palletloc.matching import Energy, gradient_across
 from palletloc.measurement import Reason
 from palletloc.pallet import PalletModel
 from palletloc.pixel_size import pixel_sizes
-from palletloc.plane import PALLET_FROM_VERTICAL, PlaneGrid, PlaneView
+from palletloc.plane import PALLET_FROM_VERTICAL, PlaneGrid, PlaneView, place_plane
 from palletloc.projection import Interpolation, Projector
 
 MIN_DISTANCE = 0.2
@@ -57,7 +57,11 @@ class FaceView:
     edges: tuple[MeasuredEdge, ...]
     """The edges that are seen."""
     expected: int
-    """How many edges the camera should see."""
+    """How many edges the camera should see; without the upper edge from above, where a load may begin."""
+
+    def loaded(self, edge: FaceEdge) -> bool:
+        """Tell whether a load may begin at an edge: at the upper one, seen from above."""
+        return edge.kind is EdgeKind.TOP and bool(self.plane_from_camera[1] > edge.middle[1])
 
 
 def view_face(
@@ -66,7 +70,7 @@ def view_face(
     camera_from_forklift: RigidTransform,
     pose: LevelPose,
     model: PalletModel,
-    resolution: float,
+    finest: float,
 ) -> FaceView | Reason:
     """Project the shot on the plane of the face, without measuring anything yet.
 
@@ -82,24 +86,28 @@ def view_face(
         ``forklift_from_pallet``.
     model : PalletModel
         The pallet.
-    resolution : float
-        Metres per pixel of the view.
+    finest : float
+        Least metres per pixel of the view; where the camera's pixels are larger, half of one is enough.
 
     Returns
     -------
     FaceView or Reason
         Without edges; `Reason.BEHIND_FACE` or `Reason.OUT_OF_VIEW` where the face is not wholly seen.
     """
-    camera_from_plane = camera_from_forklift * pose.transform() * PALLET_FROM_VERTICAL
+    camera_from_plane = place_plane(camera_from_forklift, pose, PALLET_FROM_VERTICAL)
     camera = np.asarray(camera_from_plane.inv().translation)
     if camera[2] < MIN_DISTANCE:
         return Reason.BEHIND_FACE
+    center = np.array([[0.0, model.height / 2]])
+    up = float(pixel_sizes(projector.camera, camera_from_plane, center, np.array([[0.0, 1.0]]))[0])
+    resolution = float(np.clip(up / 2, finest, 2.5 * finest))
     half = model.width / 2 + MARGIN
     grid = PlaneGrid.spanning(-half, half, -MARGIN, model.height + MARGIN, resolution)
     view = projector.view(image, camera_from_plane, grid, Interpolation.CUBIC)
     if not view.valid.all():
         return Reason.OUT_OF_VIEW
-    return FaceView(view, camera, (), len(visible_edges(model, camera)))
+    seen = FaceView(view, camera, (), 0)
+    return replace(seen, expected=sum(not seen.loaded(edge) for edge in visible_edges(model, camera)))
 
 
 def visible_edges(model: PalletModel, plane_from_camera: FloatArray) -> list[FaceEdge]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import RigidTransform
 
 FloatArray = NDArray[np.float64]
 """Float64 array; the shape is given where it is used."""
@@ -37,7 +38,7 @@ def wrap_angle(angle: _Angle) -> _Angle:
     >>> round(wrap_angle(3.5), 6)
     -2.783185
     """
-    return (angle + np.pi) % (2 * np.pi) - np.pi
+    return (angle + math.pi) % (2 * math.pi) - math.pi
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,12 +65,15 @@ class LevelPose:
         >>> odom_from_forklift = LevelPose(1.0, 0.0, 0.0, np.pi / 2)
         >>> forklift_from_pallet = LevelPose(2.0, 0.0, 0.1, 0.0)
         >>> odom_from_pallet = odom_from_forklift.transform() * forklift_from_pallet.transform()
-        >>> level_pose(odom_from_pallet)
-        LevelPose(x=1.0, y=2.0, z=0.1, yaw=1.5707963267948966)
+        >>> level_pose(odom_from_pallet).as_array().round(6).tolist()
+        [1.0, 2.0, 0.1, 1.570796]
         """
-        return RigidTransform.from_components(
-            [self.x, self.y, self.z], Rotation.from_rotvec([0.0, 0.0, self.yaw])
-        )
+        return RigidTransform(self.matrix(), normalize=False, copy=False)
+
+    def matrix(self) -> FloatArray:
+        """Return the pose as a (4, 4) homogeneous matrix."""
+        cos, sin = np.cos(self.yaw), np.sin(self.yaw)
+        return np.array([[cos, -sin, 0, self.x], [sin, cos, 0, self.y], [0, 0, 1, self.z], [0, 0, 0, 1.0]])
 
     def as_array(self) -> FloatArray:
         """Return (x, y, z, yaw) as a (4,) array."""

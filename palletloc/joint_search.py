@@ -14,7 +14,7 @@ from palletloc.geometry import FloatArray, Image, LevelPose, wrap_angle
 from palletloc.matching import edge_energy
 from palletloc.measurement import Reason
 from palletloc.pallet import PalletModel
-from palletloc.plane import PALLET_FROM_VERTICAL, PlaneGrid
+from palletloc.plane import PALLET_FROM_VERTICAL, PlaneGrid, place_plane
 from palletloc.projection import Projector
 from palletloc.template import FacePlacement, face_template, match_template
 
@@ -128,7 +128,7 @@ def _match(
     config: JointSearchConfig,
 ) -> tuple[float, LevelPose]:
     """Return the best score of one hypothesis over small shifts on its plane, and the shifted pose."""
-    camera_from_plane = camera_from_forklift * base.transform() * PALLET_FROM_VERTICAL
+    camera_from_plane = place_plane(camera_from_forklift, base, PALLET_FROM_VERTICAL)
     camera = np.asarray(camera_from_plane.inv().translation)
     half = model.width / 2 + config.sideways + 0.05
     low, high = -config.upward - 0.05, model.height + config.upward + 0.05

@@ -31,19 +31,23 @@ class Mounting:
         """(6,) standard deviations: three translations, three rotations."""
         return np.array([*self.translation_sigma, *self.rotation_sigma])
 
-    def apparent_motion(self, point: FloatArray) -> FloatArray:
-        """Return how a point seems to move when the true mounting differs from the assumed one.
+    def apparent_motion(self, points: FloatArray) -> FloatArray:
+        """Return how points seem to move when the true mounting differs from the assumed one.
 
         Parameters
         ----------
-        point : (3,) array
+        points : (n, 3) array
             In the forklift frame, in metres.
 
         Returns
         -------
-        (3, 6) array
-            Derivative of the apparent point by three translations and three rotations of the assumed mounting.
+        (n, 3, 6) array
+            Derivative of each apparent point by three translations and three rotations of the assumed mounting.
         """
-        x, y, z = point - self.center
-        cross = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
-        return np.hstack([np.eye(3), cross])
+        x, y, z = (points - self.center).T
+        motion = np.zeros((len(points), 3, 6))
+        motion[:, (0, 1, 2), (0, 1, 2)] = 1.0
+        motion[:, 0, 4], motion[:, 0, 5] = z, -y
+        motion[:, 1, 3], motion[:, 1, 5] = -z, x
+        motion[:, 2, 3], motion[:, 2, 4] = y, -x
+        return motion

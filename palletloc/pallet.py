@@ -99,7 +99,7 @@ class PalletModel:
     """Radius of the corners of the face's outline, as drawn."""
     edge_radius: float = 0.0
     """Rounding of its solid edges: moves the edges that a camera sees."""
-    tolerance: float = 0.0015
+    tolerance: float = 0.001
     """How far a real pallet's edges lie from the drawn ones (one standard deviation)."""
     source: str = ""
     """Where the dimensions come from."""

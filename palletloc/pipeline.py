@@ -10,11 +10,17 @@ from palletloc.boundary import BoundaryLine
 from palletloc.candidate import Candidate, ShotView
 from palletloc.config import LocalizerConfig
 from palletloc.face_fit import YawPrior, fit_face
+from palletloc.face_view import view_face
 from palletloc.geometry import LevelPose, wrap_angle
 from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
 from palletloc.position import sweep
-from palletloc.verification import verify
+from palletloc.verification import opening_contrast, verify
 from palletloc.yaw import find_lines, horizontal_source, measure_line, measure_yaw, view_horizontal
+
+GLANCE_RESOLUTION = 0.006
+"""Metres per pixel of the view that tells most places from a pallet at a glance."""
+GLANCE_CONTRAST = 0.9
+"""Contrast of openings and blocks below which that view shows no pallet, in spreads of the blocks."""
 
 
 def measure_on_planes(shot: ShotView, candidate: Candidate, config: LocalizerConfig) -> None:
@@ -47,13 +53,44 @@ def measure_on_planes(shot: ShotView, candidate: Candidate, config: LocalizerCon
         return candidate.refuse(Stage.POSITION, swept)
     candidate.sweep = swept
     for peak in swept.peaks:
+        if candidate.pose is not None and _near(peak, candidate.pose):
+            continue  # it would lead to the same pose
+        if not looks_like_pallet(shot, candidate, peak):
+            continue
         attempt = replace(candidate, refusal=None, face=None, pose=None, verification=None)
         _fit(shot, attempt, _voted_yaw(shot, attempt, source, peak, config), config)
         if candidate.face is None or _better(attempt, candidate):
             _adopt(candidate, attempt)
         if candidate.face is not None and candidate.face.doubt < config.face_fit.max_doubt:
             break
+    if candidate.face is None and candidate.refusal is None:
+        candidate.refuse(Stage.VERIFICATION, Reason.LOW_CONTRAST)
     return None
+
+
+def looks_like_pallet(shot: ShotView, candidate: Candidate, pose: LevelPose) -> bool:
+    """Tell whether blocks and openings differ at all: most places that are not a pallet end here.
+
+    Parameters
+    ----------
+    shot : ShotView
+        The shot.
+    candidate : Candidate
+        Gives the model.
+    pose : LevelPose
+        ``forklift_from_pallet``, right to a few centimetres.
+    """
+    seen = view_face(
+        shot.projector, shot.image, shot.camera_from_forklift, pose, candidate.model, GLANCE_RESOLUTION
+    )
+    if isinstance(seen, Reason):
+        return True  # the fit tells the reason
+    return opening_contrast(seen.view, candidate.model) >= GLANCE_CONTRAST
+
+
+def _near(one: LevelPose, other: LevelPose) -> bool:
+    apart = np.linalg.norm(one.as_array()[:3] - other.as_array()[:3])
+    return bool(apart < 0.04 and abs(wrap_angle(one.yaw - other.yaw)) < np.radians(2.0))
 
 
 def _better(one: Candidate, other: Candidate) -> bool:

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from palletloc.geometry import BoolArray, FloatArray, Image
+from palletloc.geometry import BoolArray, FloatArray, Image, LevelPose
 
 PALLET_FROM_VERTICAL = RigidTransform.from_rotation(
     Rotation.from_matrix([[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
@@ -28,6 +28,28 @@ PALLET_FROM_HORIZONTAL = RigidTransform.from_rotation(
     Rotation.from_matrix([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 )
 """Axes of a horizontal plane (right, up, towards the viewer) in the pallet frame."""
+
+
+def place_plane(
+    target_from_forklift: RigidTransform, forklift_from_pallet: LevelPose, pallet_from_plane: RigidTransform
+) -> RigidTransform:
+    """Return ``target_from_plane`` for a plane through a pallet's pose.
+
+    Parameters
+    ----------
+    target_from_forklift : RigidTransform
+        Usually ``camera_from_forklift``.
+    forklift_from_pallet : LevelPose
+        The pose.
+    pallet_from_plane : RigidTransform
+        `PALLET_FROM_VERTICAL` or `PALLET_FROM_HORIZONTAL`.
+
+    Notes
+    -----
+    The same as the product of the three transforms, without checking each product for being one.
+    """
+    matrix = target_from_forklift.as_matrix() @ forklift_from_pallet.matrix() @ pallet_from_plane.as_matrix()
+    return RigidTransform(matrix, normalize=False, copy=False)
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from palletloc.geometry import FloatArray, Image, LevelPose, wrap_angle
 from palletloc.matching import edge_energy
 from palletloc.measurement import HeightPrior, Reason
 from palletloc.pallet import PalletModel
-from palletloc.plane import PALLET_FROM_VERTICAL, PlaneGrid, PlaneView
+from palletloc.plane import PALLET_FROM_VERTICAL, PlaneGrid, PlaneView, place_plane
 from palletloc.projection import Projector
 from palletloc.template import FacePlacement, face_template, match_template
 
@@ -97,7 +97,7 @@ def sweep(
         `Reason.NO_PEAK` where nothing matches, `Reason.BEHIND_FACE` or `Reason.OUT_OF_VIEW` where nothing can.
     """
     base = LevelPose(start.x, start.y, start.z if prior is None else prior.z, start.yaw)
-    camera_from_plane = camera_from_forklift * base.transform() * PALLET_FROM_VERTICAL
+    camera_from_plane = place_plane(camera_from_forklift, base, PALLET_FROM_VERTICAL)
     camera = np.asarray(camera_from_plane.inv().translation)
     distance = float(camera[2])
     if distance < 0.2:
@@ -188,7 +188,9 @@ def _placements(
     heights = np.zeros(1)
     if prior is None:
         heights = np.arange(-config.upward, config.upward + 1e-9, 2 * config.sweep_resolution)
-    turn = 4 * config.sweep_resolution * distance / (model.width / 2 * extent)
+    # turning the face changes its width as it is seen, the more the farther it is beside the camera
+    lever = max(extent, abs(float(camera[0])))
+    turn = 4 * config.sweep_resolution * distance / (model.width / 2 * lever)
     count = int(np.ceil(yaw_reach / turn))
     yaws = np.linspace(-yaw_reach, yaw_reach, 2 * count + 1) if count else np.zeros(1)
     yaw, height, deeper = (grid.reshape(-1, 1) for grid in np.meshgrid(yaws, heights, depth, indexing="ij"))

@@ -153,6 +153,11 @@ def build_table(camera: CameraModel, camera_from_plane: RigidTransform, grid: Pl
     grid : PlaneGrid
         Its sampling.
 
+    Returns
+    -------
+    RemapTable
+        For images of this camera.
+
     Notes
     -----
     What is seen through a gap narrower than a cell of the coarse grid, 8 pixels of the view at most, may
@@ -275,7 +280,7 @@ def _rough_cells(pixels: FloatArray, valid: BoolArray) -> BoolArray:
     rough = ~(bend[..., 0] ** 2 + bend[..., 1] ** 2 <= (8 * _TOLERANCE_PX) ** 2)
     if not rough.any():
         return np.zeros((rough.shape[0] - 1, rough.shape[1] - 1), dtype=np.bool_)
-    return _with_neighbours(_any_corner(rough)) & _with_neighbours(_any_corner(valid))
+    return _any_corner(rough) & _with_neighbours(_any_corner(valid))
 
 
 def _any_corner(nodes: BoolArray) -> BoolArray:

@@ -57,6 +57,7 @@ def face_template(
     list of TemplatePiece
         Edges with positive weights that add up to 1, blocks with negative ones.
     """
+    averaged = _Averages(energy, resolution)
     pieces: list[TemplatePiece] = []
     for edge in face_edges(model):
         shift = 0.0 if plane_from_camera is None else edge_shift(edge, plane_from_camera, model).mean
@@ -64,46 +65,65 @@ def face_template(
         if edge.horizontal:
             count = max(1, int(np.ceil(edge.length / PIECE_LENGTH)))
             size = edge.length / count
-            field = _averaged(energy.level, size, 0.0, resolution)
-            pieces += [
-                TemplatePiece(right + (i + 0.5 - count / 2) * size, up, field, size) for i in range(count)
-            ]
+            field = averaged.along_level(size)
+            pieces += [TemplatePiece(right + (i + 0.5 - count / 2) * size, up, field, size) for i in range(count)]
         else:
-            field = _averaged(energy.upright, 0.0, edge.length, resolution)
+            field = averaged.along_upright(edge.length)
             pieces.append(TemplatePiece(right, up, field, UPRIGHT_WEIGHT * edge.length))
     total = sum(piece.weight for piece in pieces)
     pieces = [piece._replace(weight=piece.weight / total) for piece in pieces]
-    return pieces + _blocks(model, energy, resolution)
+    return pieces + _blocks(model, averaged, 3 * resolution)
 
 
-def _blocks(model: PalletModel, energy: EdgeEnergy, resolution: float) -> list[TemplatePiece]:
+def _blocks(model: PalletModel, averaged: _Averages, margin: float) -> list[TemplatePiece]:
     """Return the solid parts beside and between the openings, without their margins."""
-    margin = 3 * resolution
-    ends = [-model.width / 2]
-    for opening in model.openings:
-        ends += [opening.center - opening.width / 2, opening.center + opening.width / 2]
-    ends.append(model.width / 2)
-    solids = [(left + margin, right - margin) for left, right in zip(ends[::2], ends[1::2], strict=True)]
     low = min(opening.bottom for opening in model.openings)
-    high = max(opening.bottom + opening.height for opening in model.openings)
-    solids = [(left, right) for left, right in solids if right - left > resolution]
-    either = np.asarray(cv2.max(energy.level, energy.upright), dtype=np.float32)
+    high = max(opening.top for opening in model.openings)
+    solids = [(left + margin, right - margin) for left, right in model.blocks if right - left > 3 * margin]
     return [
         TemplatePiece(
             (left + right) / 2,
             (low + high) / 2,
-            _averaged(either, right - left, high - low - 2 * margin, resolution),
+            averaged.over_block(right - left, high - low - 2 * margin),
             -BLOCK_WEIGHT / len(solids),
         )
         for left, right in solids
     ]
 
 
-def _averaged(energy: Energy, width: float, height: float, resolution: float) -> Energy:
-    size = (max(1, round(width / resolution)), max(1, round(height / resolution)))
-    return np.asarray(
-        cv2.boxFilter(energy, cv2.CV_32F, size, borderType=cv2.BORDER_REPLICATE), dtype=np.float32
-    )
+class _Averages:
+    """Edge energy averaged over stretches, computed once for each size."""
+
+    def __init__(self, energy: EdgeEnergy, resolution: float) -> None:
+        self._energy = energy
+        self._resolution = resolution
+        self._fields: dict[tuple[str, int, int], Energy] = {}
+
+    def along_level(self, length: float) -> Energy:
+        return self._averaged("level", length, 0.0)
+
+    def along_upright(self, length: float) -> Energy:
+        return self._averaged("upright", 0.0, length)
+
+    def over_block(self, width: float, height: float) -> Energy:
+        return self._averaged("either", width, height)
+
+    def _averaged(self, kind: str, width: float, height: float) -> Energy:
+        columns, rows = (max(1, round(size / self._resolution)) for size in (width, height))
+        if (kind, columns, rows) not in self._fields:
+            source = self._source(kind)
+            self._fields[kind, columns, rows] = np.asarray(
+                cv2.boxFilter(source, cv2.CV_32F, (columns, rows), borderType=cv2.BORDER_REPLICATE),
+                dtype=np.float32,
+            )
+        return self._fields[kind, columns, rows]
+
+    def _source(self, kind: str) -> Energy:
+        if kind == "level":
+            return self._energy.level
+        if kind == "upright":
+            return self._energy.upright
+        return np.asarray(cv2.max(self._energy.level, self._energy.upright), dtype=np.float32)
 
 
 class FacePlacement(NamedTuple):
@@ -157,14 +177,17 @@ def match_template(
     shape = (len(placement.scale), len(places))
     shear = placement.yaw / distance
     origin = (grid.left - right) / grid.resolution
-    first = (places + drift - right) / grid.resolution
+    first = ((places + drift - right) / grid.resolution).astype(np.float32)
     total = np.zeros(shape, dtype=np.float32)
     for piece in template:
         inverse = 1.0 / (placement.scale + piece.right * shear)
         at = up + (placement.height + piece.up - up) * inverse
         row = np.clip(np.rint((grid.top - at) / grid.resolution), 0, grid.rows - 1)
-        column = np.rint(first * inverse + (piece.right / grid.resolution * inverse - origin))
+        # half a pixel rounds where the conversion to integers truncates
+        shift = piece.right / grid.resolution * inverse - origin + 0.5
+        column = first * inverse.astype(np.float32) + shift.astype(np.float32)
         np.clip(column, 0, grid.columns - 1, out=column)
-        index = (column + row * grid.columns).astype(np.int32)
-        total += np.float32(piece.weight) * piece.field.ravel().take(index.ravel()).reshape(shape)
+        index = column.astype(np.int32)
+        index += (row * grid.columns).astype(np.int32)
+        total += np.float32(piece.weight) * piece.field.ravel().take(index)
     return total.astype(np.float64)

@@ -6,7 +6,7 @@ from a pallet is what lies between the edges: blocks that are alike, and opening
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,10 +28,10 @@ class VerificationConfig:
 
     min_coverage: float = 0.45
     """Least part of the face's edges, by length."""
-    min_contrast: float = 1.5
+    min_contrast: float = 2.0
     """Least difference of openings and blocks, in spreads of the blocks."""
-    min_score: float = 0.35
-    """Least agreement of face and template at the final pose."""
+    min_rank: float = 0.40
+    """Least standing of contrast, coverage and agreement with the template together."""
     certain: float = 0.6
     """Rank from which on no other candidate is tried in a pallet's place."""
 
@@ -73,13 +73,12 @@ def verify(estimate: FaceEstimate, model: PalletModel, config: VerificationConfi
         With a reason where it fails.
     """
     contrast = opening_contrast(estimate.seen.view, model)
-    score = _score(estimate, model)
-    reason = None
-    if estimate.coverage < config.min_coverage:
-        reason = Reason.FEW_EDGES
-    elif contrast < config.min_contrast or score < config.min_score:
-        reason = Reason.LOW_CONTRAST
-    return Verification(contrast, estimate.coverage, score, reason)
+    found = Verification(contrast, estimate.coverage, _score(estimate, model), None)
+    if found.coverage < config.min_coverage:
+        return replace(found, reason=Reason.FEW_EDGES)
+    if found.contrast < config.min_contrast or found.rank < config.min_rank:
+        return replace(found, reason=Reason.LOW_CONTRAST)
+    return found
 
 
 def opening_contrast(view: PlaneView, model: PalletModel) -> float:

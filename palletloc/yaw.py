@@ -22,7 +22,7 @@ from palletloc.geometry import FloatArray, Image, LevelPose, wrap_angle
 from palletloc.matching import Energy, gradient_across
 from palletloc.measurement import Reason, YawSource
 from palletloc.pallet import PalletModel
-from palletloc.plane import PALLET_FROM_HORIZONTAL, PlaneGrid, PlaneView
+from palletloc.plane import PALLET_FROM_HORIZONTAL, PlaneGrid, PlaneView, place_plane
 from palletloc.pixel_size import pixel_sizes
 from palletloc.projection import Interpolation, Projector
 
@@ -197,10 +197,8 @@ def view_horizontal(
         As deep as the search and every other level edge of the face need.
     """
     height = {YawSource.BOTTOM: 0.0, YawSource.TOP: model.height}[source]
-    forklift_from_plane = (
-        LevelPose(start.x, start.y, start.z + height, start.yaw).transform() * PALLET_FROM_HORIZONTAL
-    )
-    camera_from_plane = camera_from_forklift * forklift_from_plane
+    pose = replace(start, z=start.z + height)
+    camera_from_plane = place_plane(camera_from_forklift, pose, PALLET_FROM_HORIZONTAL)
     plane_from_camera = np.asarray(camera_from_plane.inv().translation)
     half = model.width / 2 + 0.05
     places = [_line_up(up - height, plane_from_camera) for up in (0.0, model.height)]

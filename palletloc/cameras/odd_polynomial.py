@@ -10,6 +10,7 @@ import numpy as np
 from palletloc.geometry import FloatArray
 
 _MAX_STEPS = 100
+# No lens sees farther off axis; a root beyond is as good as none.
 _FAR = 2.0**32
 _ROUNDING = 4 * float(np.finfo(np.float64).eps)
 
@@ -127,4 +128,4 @@ def _first_root(coefficients: tuple[float, ...], linear: float) -> float:
     # A double root comes out as a pair with a small imaginary part.
     real = inverses.real[np.abs(inverses.imag) <= 1e-6 * np.abs(inverses)]
     largest = float(real.max(initial=0.0))
-    return 1 / largest if largest > 0 else math.inf
+    return 1 / largest if largest > 1 / _FAR else math.inf

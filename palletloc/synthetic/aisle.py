@@ -15,7 +15,8 @@ from palletloc.synthetic.materials import PLASTICS, WOODS
 from palletloc.synthetic.pallet_solid import PalletBody
 from palletloc.synthetic.placing import ShelfFrame, Side, seeded, standing
 from palletloc.synthetic.rack import Rack, bays, places, rack_boxes
-from palletloc.synthetic.scene import Material, Paint, Room, Scene, Solid
+from palletloc.synthetic.scene import Scene, Solid
+from palletloc.synthetic.surroundings import draw_clutter, draw_hall
 
 _MOULDED_RADIUS = 0.006
 _LEAST_GAP = 0.1

@@ -12,9 +12,10 @@ from palletloc.synthetic.samples import Samples, lookup
 from palletloc.synthetic.scene import Box, Light, Scene
 from palletloc.synthetic.tracing import to_world
 
-_SHARP_TEXEL, _SOFT_TEXEL, _FLOOR_TEXEL = 0.015, 0.03, 0.02
+_SHARP_TEXEL, _SOFT_TEXEL, _FLOOR_TEXEL = 0.015, 0.03, 0.025
 _LIFT_TEXELS, _SOFT_TEXELS = 1.5, 1.0
-_MARGIN = 1.0
+_MARGIN = 2.0
+_NOTHING = -1e3
 _THIN = 0.13
 
 
@@ -51,6 +52,7 @@ class LightField:
             self.floor,
             (x - np.float32(self.floor_corner[0])) / np.float32(_FLOOR_TEXEL),
             (y - np.float32(self.floor_corner[1])) / np.float32(_FLOOR_TEXEL),
+            outside=self.light.open_ground,
         )
 
     def unshadowed(self, points: Samples, normals: Samples) -> Samples:
@@ -94,11 +96,7 @@ def light_field(scene: Scene) -> LightField:
         else _depth_map(boxes, corners, thick, direction, _SOFT_TEXEL)
         for i, direction in enumerate(scene.light.directions)
     )
-    low, high = np.array(scene.room.low), np.array(scene.room.high)
-    if boxes:
-        everything = np.concatenate(corners, axis=1)[:2]
-        low = np.maximum(low, everything.min(axis=1) - _MARGIN)
-        high = np.minimum(high, everything.max(axis=1) + _MARGIN)
+    low, high = _shaded_floor(scene, corners)
     columns, rows = (np.ceil((high - low) / _FLOOR_TEXEL).astype(int) + 1).tolist()
     x = low[0] + np.arange(columns) * _FLOOR_TEXEL
     y = low[1] + np.arange(rows) * _FLOOR_TEXEL
@@ -106,9 +104,26 @@ def light_field(scene: Scene) -> LightField:
     points[0], points[1] = np.tile(x, rows), np.repeat(y, columns)
     up = np.zeros_like(points)
     up[2] = 1.0
-    dark = LightField(scene.light, maps, np.zeros((1, 1), np.float32), (0.0, 0.0))
+    dark = LightField(
+        scene.light, maps, np.zeros((1, 1), np.float32), (0.0, 0.0)
+    )  # level ground sees no floor
     floor = dark.irradiance(points, up).reshape(rows, columns)
     return LightField(scene.light, maps, floor, (float(low[0]), float(low[1])))
+
+
+def _shaded_floor(scene: Scene, corners: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
+    """Return the corners of the part of the floor that lies in the shadows of the lamp, and around solids."""
+    room_low, room_high = np.array(scene.room.low), np.array(scene.room.high)
+    if not corners:
+        return room_low, room_low
+    points = np.concatenate(corners, axis=1)
+    feet = [points[:2]]
+    feet += [
+        points[:2] - np.outer(d[:2], points[2] / d[2]) for d in scene.light.directions[: scene.light.sharp]
+    ]
+    reached = np.concatenate(feet, axis=1)
+    low = np.maximum(room_low, reached.min(axis=1) - _MARGIN)
+    return low, np.minimum(room_high, reached.max(axis=1) + _MARGIN)
 
 
 def _visible(depth_map: DepthMap, points: Samples) -> Samples:
@@ -118,6 +133,7 @@ def _visible(depth_map: DepthMap, points: Samples) -> Samples:
         depth_map.depth,
         (right - np.float32(depth_map.corner[0])) / np.float32(depth_map.texel),
         (up - np.float32(depth_map.corner[1])) / np.float32(depth_map.texel),
+        outside=_NOTHING,
     )
     reach -= depth
     reach /= np.float32(-_SOFT_TEXELS * depth_map.texel)
@@ -144,17 +160,15 @@ def _depth_map(
     right /= np.linalg.norm(right)
     axes = np.stack([right, np.cross(towards, right), towards])
     if not len(chosen):
-        return DepthMap(axes, (0.0, 0.0), np.full((1, 1), -np.inf, np.float32), texel)
+        return DepthMap(axes, (0.0, 0.0), np.full((1, 1), _NOTHING, np.float32), texel)
     spans = [(axes[:2] @ corners[i]) / texel for i in chosen]
     first = np.floor(np.min([s.min(axis=1) for s in spans], axis=0)).astype(int) - 1
     last = np.ceil(np.max([s.max(axis=1) for s in spans], axis=0)).astype(int) + 1
     columns, rows = (last - first + 1).tolist()
-    # a little beyond the farthest: between pixels the depth then falls off gently and shadows end smoothly
-    nothing = min(float((towards @ corners[i]).min()) for i in chosen) - _MARGIN
     depth_map = DepthMap(
         axes,
         (float(first[0] * texel), float(first[1] * texel)),
-        np.full((rows, columns), nothing, np.float32),
+        np.full((rows, columns), _NOTHING, np.float32),
         texel,
     )
     for index, span in zip(chosen, spans, strict=True):

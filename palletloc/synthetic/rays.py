@@ -13,7 +13,7 @@ from palletloc.synthetic.samples import Indices, Samples, lengths
 _TILE_ROWS, _TILE_COLUMNS = 32, 64
 _ROUNDING = 1e-3
 _SAMPLED = 20_000
-_PART = 1 << 19
+_PART = 1 << 20
 
 
 @dataclass(frozen=True, slots=True)

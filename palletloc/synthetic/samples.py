@@ -20,10 +20,17 @@ def lengths(vectors: Samples) -> Samples:
     return np.sqrt(squared)
 
 
-def lookup(image: Samples, columns: Samples, rows: Samples) -> Samples:
+def lookup(image: Samples, columns: Samples, rows: Samples, outside: float = 0.0) -> Samples:
     """Read an image at any number of places, linearly between its pixels.
 
-    Outside the image its border goes on.
+    Parameters
+    ----------
+    image : (height, width) array
+        The image.
+    columns, rows : (N,) array
+        Where, in pixels.
+    outside : float
+        What lies beyond its border.
     """
     count = len(columns)
     width = min(count, _ROW)
@@ -34,5 +41,7 @@ def lookup(image: Samples, columns: Samples, rows: Samples) -> Samples:
     padded[0, :count] = columns
     padded[1, :count] = rows
     maps = padded.reshape(2, height, width)
-    read = cv2.remap(image, maps[0], maps[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    read = cv2.remap(
+        image, maps[0], maps[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=outside
+    )
     return np.asarray(read, np.float32).reshape(-1)[:count]

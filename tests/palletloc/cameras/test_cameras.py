@@ -49,8 +49,12 @@ CAMERAS: dict[str, CameraModel] = {
     "brown_folding": Pinhole(800, 600, 300.0, 300.0, 405.0, 296.0, k1=-0.25, p1=0.01, p2=-0.008),
     "pincushion": Pinhole(800, 600, 400.0, 400.0, 400.0, 300.0, k1=0.2, p1=-0.003, k3=0.05),
     "dual_fisheye": DUAL,
+    "dual_fisheye_overlapping": DualFisheye(
+        FisheyeLens(dual_lens(620.0, 481.5), DUAL.front.camera_from_lens),
+        FisheyeLens(dual_lens(1300.0, 477.0), DUAL.back.camera_from_lens),
+    ),
 }
-CENTRAL = [name for name in CAMERAS if name != "dual_fisheye"]
+CENTRAL = [name for name in CAMERAS if "dual" not in name]
 every_camera = pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS.keys())
 central_camera = pytest.mark.parametrize("camera", [CAMERAS[name] for name in CENTRAL], ids=CENTRAL)
 
@@ -461,6 +465,17 @@ class TestDualFisheye:
     def test_pixels_between_and_beyond_the_circles_see_nothing(self) -> None:
         rays = DUAL.unproject(np.array([[2.0, 2.0], [960.0, 20.0], [1917.0, 950.0]]))
         assert not rays.valid.any()
+
+    def test_does_not_see_the_origin_even_between_its_lenses(self) -> None:
+        lenses = [
+            FisheyeLens(
+                lens.model,
+                RigidTransform.from_components([0.0, offset, 0.0], lens.camera_from_lens.rotation),
+            )
+            for lens, offset in ((DUAL.front, 0.02), (DUAL.back, -0.02))
+        ]
+        points = np.array([[0.0, 0.0, 0.0], [1e-3, 0.0, 0.0]])
+        np.testing.assert_array_equal(DualFisheye(*lenses).project(points).valid, [False, True])
 
     def test_refuses_lenses_that_cannot_be_told_apart(self) -> None:
         with pytest.raises(ValueError, match="must differ in their axis"):

@@ -1,0 +1,148 @@
+"""The command ``palletloc localize``."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+from statistics import median
+from typing import Annotated
+
+import typer
+from rich import box
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+from rich.text import Text
+
+from palletloc.config import LocalizerConfig, Method
+from palletloc.io.config_file import read_config
+from palletloc.io.measurements import NoPose
+from palletloc.io.run_folder import Run, RunFolder
+from palletloc.offline import Job, Outcome, read_job, work_through
+
+
+def localize(
+    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="Folder of the recording.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results; made if missing.")],
+    initial: Annotated[
+        Path | None,
+        typer.Option(metavar="CSV", help="Start from these poses instead of detecting pallets."),
+    ] = None,
+    method: Annotated[Method, typer.Option(help="How poses are measured.")] = Method.HORIZONTAL_PLANE,
+    config: Annotated[
+        Path | None,
+        typer.Option(metavar="YAML", help="Parameters of your own; see palletloc config."),
+    ] = None,
+    strict: Annotated[
+        bool, typer.Option("--strict", help="Stop at the first shot that cannot be used.")
+    ] = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with an interrupted run; try its skipped shots again.")
+    ] = False,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Say what each shot gives.")] = False,
+) -> None:
+    """Measure the pallets in each shot of a recording.
+
+    Writes measurements.csv, refusals.csv and run.json. A shot that cannot be used is reported and skipped.
+    """
+    parameters = LocalizerConfig() if config is None else read_config(config)
+    job = read_job(recording, method, parameters, initial)
+    run = Run.of(job.recording, str(method), repr(parameters), initial)
+    console = Console(stderr=True)
+    tally = Tally()
+    output = RunFolder(out, run, recording, job.shots, resume=resume)
+    try:
+        with output:
+            tally.done_before = output.done
+            _follow(job, output, tally, console, strict=strict, verbose=verbose)
+    except KeyboardInterrupt:
+        if output.done:
+            _say(console, f"{output.done} of {len(job.shots)} shots are kept in {out}; --resume goes on")
+        raise
+    Console().print(tally.table(out, output.done, len(output.skipped)))
+
+
+@dataclass(slots=True)
+class Tally:
+    """Counts of what the shots gave."""
+
+    done_before: int = 0
+    """Shots that an earlier run had done; nothing else counts them."""
+    pallets: Counter[str] = field(default_factory=Counter)
+    """Measured pallets by model."""
+    without_pose: int = 0
+    """Given starts from which none was found."""
+    refusals: Counter[str] = field(default_factory=Counter)
+    """Candidates given up by stage and reason."""
+    durations: list[float] = field(default_factory=list)
+    """Time of each shot, in seconds."""
+
+    def add(self, outcome: Outcome) -> None:
+        """Count a shot, unless it was skipped."""
+        if outcome.explanation is None:
+            return
+        found = [row.model for row in outcome.rows if not isinstance(row, NoPose)]
+        self.pallets.update(found)
+        self.without_pose += len(outcome.rows) - len(found)
+        self.refusals.update(f"{one.stage}: {one.reason}" for one in outcome.explanation.refusals)
+        self.durations.append(outcome.duration)
+
+    def table(self, out: Path, done: int, skipped: int) -> Table:
+        """Return the counts for people to read.
+
+        Parameters
+        ----------
+        out : Path
+            Where the results are.
+        done, skipped : int
+            Shots of the whole run, those done before included.
+        """
+        table = Table(title=Text(str(out)), title_justify="left", show_header=False, box=box.SIMPLE)
+        table.add_column(no_wrap=True)
+        table.add_column(no_wrap=True)
+        table.add_column(justify="right", no_wrap=True)
+        table.add_row("shots", "done", str(done))
+        if self.done_before:
+            table.add_row("", "of them before; not counted below", str(self.done_before))
+        table.add_row("", "skipped", str(skipped))
+        _add_counts(table, "pallets", self.pallets)
+        if self.without_pose:
+            table.add_row("", "starts without a pose", str(self.without_pose))
+        _add_counts(table, "refused", self.refusals)
+        if self.durations:
+            table.add_row("time", "per shot (median)", f"{median(self.durations):.2f} s")
+        return table
+
+
+def _add_counts(table: Table, title: str, counts: Counter[str]) -> None:
+    rows = counts.most_common() or [("none", 0)]
+    for position, (name, count) in enumerate(rows):
+        table.add_row("" if position else title, Text(name), str(count))
+
+
+def _follow(
+    job: Job, output: RunFolder, tally: Tally, console: Console, *, strict: bool, verbose: bool
+) -> None:
+    """Work through the shots; show how far that is where somebody is looking."""
+    columns = (TextColumn("Localizing"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+        bar = progress.add_task("", total=len(job.shots), completed=output.done)
+        for outcome in work_through(job, output, strict=strict):
+            tally.add(outcome)
+            if outcome.problem:
+                _say(console, f"skipped: {outcome.problem}")
+            elif verbose:
+                _say(console, _summary(outcome))
+            progress.advance(bar)
+
+
+def _summary(outcome: Outcome) -> str:
+    found = sum(not isinstance(row, NoPose) for row in outcome.rows)
+    refused = len(outcome.explanation.refusals) if outcome.explanation else 0
+    pallets = "1 pallet" if found == 1 else f"{found} pallets"
+    return f"{outcome.shot.file}: {pallets}, {refused} refused, {outcome.duration:.2f} s"
+
+
+def _say(console: Console, line: str) -> None:
+    console.print(Text(f"palletloc: {line}"), soft_wrap=True)

@@ -1,0 +1,126 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palletloc.geometry import FloatArray, LevelPose
+from palletloc.pallet import PalletModel
+from palletloc.pallet_library import load_library
+from palletloc.synthetic.pallet_solid import PalletBody
+from palletloc.synthetic.samples import Samples
+from palletloc.synthetic.scene import Box, Material
+
+WOOD = Material((0.3, 0.4, 0.5))
+HERE = LevelPose(0.0, 0.0, 0.0, 0.0)
+MODELS = sorted(load_library())
+
+
+def body(model: PalletModel) -> PalletBody:
+    return PalletBody(HERE, model, WOOD)
+
+
+def on_face(right: FloatArray, up: FloatArray) -> Samples:
+    return np.stack([np.zeros(len(right)), -right, up]).astype(np.float32)
+
+
+def in_front_face(model: PalletModel, right: FloatArray, up: FloatArray, gap: float) -> FloatArray:
+    """1 well inside the drawn face, -1 well outside, 0 within a gap of its edges."""
+
+    def depth(center: tuple[float, float], size: tuple[float, float]) -> FloatArray:
+        return np.minimum(size[0] / 2 - np.abs(right - center[0]), size[1] / 2 - np.abs(up - center[1]))
+
+    solid = depth((0.0, model.height / 2), (model.width, model.height))
+    for o in model.openings:
+        solid = np.minimum(solid, -depth((o.center, o.bottom + o.height / 2), (o.width, o.height)))
+    return np.where(solid > gap, 1.0, np.where(solid < -gap, -1.0, 0.0))
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_the_front_face_is_solid_exactly_where_it_is_drawn(name: str) -> None:
+    model = load_library()[name]
+    rng = np.random.default_rng(1)
+    right, up = rng.uniform(-0.6, 0.6, 4000) * model.width, rng.uniform(0.0, 1.1, 4000) * model.height
+    drawn = in_front_face(model, right, up, gap=max(model.edge_radius, model.corner_radius, 1e-4))
+    distance = body(model).distance(on_face(right, up))
+    assert (np.abs(distance[drawn > 0]) < 1e-6).all()
+    assert (distance[drawn < 0] > 1e-5).all()
+    assert (drawn > 0).sum() > 500
+    assert (drawn < 0).sum() > 500
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_the_distance_never_exceeds_that_to_the_nearest_solid_point(name: str) -> None:
+    pallet = body(load_library()[name])
+    rng = np.random.default_rng(2)
+    low, high = pallet.low, pallet.high
+    points = rng.uniform(low - 0.05, high + 0.05, (20000, 3)).T.astype(np.float32)
+    distance = pallet.distance(points)
+    inside, outside = points[:, distance < -1e-3], np.flatnonzero(distance > 0)[:300]
+    apart = np.linalg.norm(points[:, outside, None] - inside[:, None, :], axis=0).min(axis=1)
+    assert (distance[outside] <= apart + 1e-5).all()
+
+
+def test_openings_go_through_the_pallet(closed_below: PalletModel) -> None:
+    x = np.linspace(0.0, closed_below.depth, 200).astype(np.float32)
+    opening = closed_below.openings[0]
+    points = np.stack([x, np.full_like(x, -opening.center), np.full_like(x, 0.07)])
+    assert (body(closed_below).distance(points) > 0.01).all()
+
+
+def test_boards_close_openings_from_below_only_where_drawn(
+    closed_below: PalletModel, open_below: PalletModel
+) -> None:
+    for model, expected in ((closed_below, True), (open_below, False)):
+        below = np.array([[0.02], [-model.openings[0].center], [0.011]], np.float32)
+        assert (body(model).distance(below)[0] < 0) == expected
+
+
+def test_the_rounding_of_an_edge_has_the_radius_of_the_model(rounded: PalletModel) -> None:
+    radius = rounded.edge_radius
+    angles = np.linspace(0.0, np.pi / 2, 50)
+    x = radius - radius * np.sin(angles)
+    up = rounded.height - radius + radius * np.cos(angles)
+    points = np.stack([x, np.zeros_like(x), up]).astype(np.float32)
+    assert np.abs(body(rounded).distance(points)).max() < 1e-6
+    normals = body(rounded).normals(points)
+    expected = np.stack([-np.sin(angles), np.zeros_like(x), np.cos(angles)])
+    assert np.abs(normals - expected).max() < 0.02
+
+
+def test_normals_of_the_front_point_into_the_aisle(closed_below: PalletModel) -> None:
+    points = np.array([[0.0], [0.0], [0.07]], np.float32)
+    assert body(closed_below).normals(points)[:, 0] == pytest.approx([-1.0, 0.0, 0.0], abs=1e-3)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_the_blocks_that_cast_shadows_lie_in_the_body(name: str) -> None:
+    model = load_library()[name]
+    pallet = PalletBody(LevelPose(1.0, 2.0, 0.5, 0.7), model, WOOD)
+    rng = np.random.default_rng(3)
+    margin = 1.5 * max(model.edge_radius, model.corner_radius)
+    for block in pallet.blocks():
+        half = block.high - margin
+        if (half <= 0).any():
+            continue
+        local = rng.uniform(-half, half, (50, 3)).T
+        turn, pose = block.world_from_solid.transform(), pallet.world_from_solid.transform()
+        points = pose.inv().apply(turn.apply(local.T)).T.astype(np.float32)
+        assert pallet.distance(points).max() < 0
+
+
+def test_boards_differ_in_brightness_and_moulded_pallets_do_not(closed_below: PalletModel) -> None:
+    right, up = np.full(100, -0.55), np.linspace(0.001, 0.143, 100)
+    points = on_face(right, up)
+    normals = np.zeros_like(points)
+    normals[0] = -1.0
+    assert len(np.unique(body(closed_below).tint(points, normals))) >= 4
+    moulded = PalletBody(HERE, closed_below, WOOD, planks=False)
+    assert np.unique(moulded.tint(points, normals)).tolist() == [1.0]
+
+
+def test_a_box_of_which_nothing_is_flat_is_a_sphere() -> None:
+    ball = Box(HERE, (0.2, 0.2, 0.2), WOOD, rounding=0.1)
+    points = np.random.default_rng(4).normal(size=(3, 500)).astype(np.float32)
+    assert ball.distance(points) == pytest.approx(np.linalg.norm(points, axis=0) - 0.1, abs=1e-5)
+    surface = 0.1 * points / np.linalg.norm(points, axis=0)
+    assert ball.normals(surface) == pytest.approx(10 * surface, abs=1e-3)

@@ -1,0 +1,110 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from palletloc.geometry import level_pose
+from palletloc.pallet_library import load_library
+from palletloc.synthetic.aisle import AisleSpec
+from palletloc.synthetic.approach import OdometryNoise
+from palletloc.synthetic.placing import Side
+from palletloc.synthetic.rig import CameraKind
+from palletloc.synthetic.sensor import Sensor
+from palletloc.synthetic.simulation import SimulationSpec, simulate
+
+AISLE = AisleSpec(
+    models=(load_library()["epal1-1200"],), levels=(0.0,), length=5.0, opposite=False, clutter=0
+)
+SPEC = SimulationSpec(aisle=AISLE, width=256, shots=2)
+EXACT = replace(SPEC, odometry=OdometryNoise(0.0, 0.0, 0.0, 0.0), plane_offset=0.0, plane_turn=0.0)
+
+
+def test_the_same_seed_gives_the_same_bytes() -> None:
+    one, same = simulate(SPEC, 4), simulate(SPEC, 4)
+    assert one.image(1).tobytes() == same.image(1).tobytes()
+    assert one.odometry.x.tobytes() == same.odometry.x.tobytes()
+    assert (one.shelf, one.approach, one.aisle.pallets) == (same.shelf, same.approach, same.aisle.pallets)
+
+
+def test_shots_do_not_depend_on_what_was_asked_before() -> None:
+    forwards, backwards = simulate(SPEC, 4), simulate(SPEC, 4)
+    backwards.image(1)
+    assert forwards.image(0).tobytes() == backwards.image(0).tobytes()
+
+
+def test_another_seed_gives_another_recording() -> None:
+    one, other = simulate(SPEC, 4), simulate(SPEC, 5)
+    assert one.aisle.pallets != other.aisle.pallets
+    assert one.shelf != other.shelf
+    assert (one.image(0) != other.image(0)).mean() > 0.3
+
+
+def test_the_sensor_leaves_scene_and_way_as_they_are() -> None:
+    one, noisy = simulate(SPEC, 4), simulate(replace(SPEC, sensor=Sensor(noise=20.0)), 4)
+    assert one.aisle == noisy.aisle
+    assert one.approach == noisy.approach
+    assert (one.image(0) != noisy.image(0)).any()
+
+
+def test_truth_and_perfect_odometry_agree() -> None:
+    simulation = simulate(EXACT, 6)
+    start = simulation.truth.pose_at(0.0).transform()
+    for time in simulation.times.tolist():
+        motion = level_pose(start.inv() * simulation.truth.pose_at(time).transform())
+        assert simulation.odometry.pose_at(time).as_array() == pytest.approx(motion.as_array(), abs=5e-5)
+
+
+@pytest.mark.parametrize("side", list(Side))
+def test_an_exact_nominal_plane_passes_through_fronts_without_setback(side: Side) -> None:
+    aisle = replace(AISLE, side=side, setback_sigma=0.0, yaw_sigma=0.0)
+    simulation = simulate(replace(EXACT, aisle=aisle), 7)
+    odom_from_world = simulation.truth.pose_at(0.0).transform().inv()
+    shelf = simulation.shelf
+    assert simulation.aisle.pallets
+    for pallet in simulation.aisle.pallets:
+        pose = level_pose(odom_from_world * pallet.world_from_pallet.transform())
+        off = (pose.x - shelf.x) * np.cos(shelf.facing) + (pose.y - shelf.y) * np.sin(shelf.facing)
+        assert off == pytest.approx(0.0, abs=1e-9)
+        assert pose.yaw == pytest.approx(shelf.yaw, abs=1e-9)
+
+
+def test_the_nominal_plane_is_off_within_its_limits() -> None:
+    exact = [simulate(EXACT, seed).shelf for seed in range(40)]
+    off = [simulate(replace(EXACT, plane_offset=0.03, plane_turn=0.014), seed).shelf for seed in range(40)]
+    pairs = list(zip(exact, off, strict=True))
+    turns = np.array([b.facing - a.facing for a, b in pairs])
+    shifts = np.array([(b.x - a.x) * np.cos(a.facing) + (b.y - a.y) * np.sin(a.facing) for a, b in pairs])
+    assert 0.007 < np.abs(turns).max() <= 0.014 + 1e-9
+    assert 0.015 < np.abs(shifts).max() <= 0.03 + 1e-9
+
+
+def test_a_mounting_with_errors_differs_from_the_true_one_by_them() -> None:
+    assert simulate(SPEC, 1).recorded_mounting.as_matrix() == pytest.approx(
+        simulate(SPEC, 1).forklift_from_camera.as_matrix()
+    )
+    spec = replace(SPEC, mounting_translation_sigma=0.01, mounting_rotation_sigma=0.002)
+    shifts, turns = [], []
+    for seed in range(60):
+        simulation = simulate(spec, seed)
+        error = simulation.forklift_from_camera.inv() * simulation.recorded_mounting
+        shifts.append(error.translation)
+        turns.append(error.rotation.as_rotvec())
+    assert np.std(shifts) == pytest.approx(0.01, rel=0.2)
+    assert np.std(turns) == pytest.approx(0.002, rel=0.2)
+
+
+@pytest.mark.parametrize("side", list(Side))
+@pytest.mark.parametrize("kind", list(CameraKind))
+def test_every_camera_sees_pallets_of_the_shelf(kind: CameraKind, side: Side) -> None:
+    spec = replace(SPEC, camera=kind, width=160, shots=3, aisle=replace(AISLE, side=side, filled=1.0))
+    simulation = simulate(spec, 2)
+    solids = simulation.picture(1).solids
+    fronts = [i for i, s in enumerate(simulation.aisle.scene.solids) if hasattr(s, "planks")]
+    assert np.isin(solids, fronts).sum() > 20
+
+
+def test_no_shots_are_refused() -> None:
+    with pytest.raises(ValueError, match="at least one shot"):
+        simulate(replace(SPEC, shots=0), 0)

@@ -52,11 +52,11 @@ class DetectionConfig:
     """How far a pallet's yaw may be off the shelf's, in degrees."""
     heights: tuple[float, float] = (-0.02, 3.5)
     """Between which heights pallets are looked for where no levels are known, in metres."""
-    min_score: float = 0.40
+    min_score: float = 0.34
     """Least agreement of view and template, 0 to 1."""
     min_spacing: float = 0.25
     """Least distance along the shelf between two candidates, in metres."""
-    max_candidates: int = 10
+    max_candidates: int = 16
     """Most candidates of one model on one level."""
 
 

@@ -5,6 +5,7 @@ All edges of a face are measured together: every array has a row for each edge.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -33,7 +34,7 @@ class EdgePeaks:
     offset: FloatArray
     """(edges, n) offsets of the peaks across the edge, in metres."""
     strength: FloatArray
-    """(edges, n) gradient at the peaks, in gray levels per pixel; 0 where there is none."""
+    """(edges, n) gradient at the peaks, in gray levels per pixel; 0 where there is none, -1 where no cut is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,6 +105,34 @@ def edge_peaks(
     )
 
 
+def join_peaks(peaks: EdgePeaks, middles: FloatArray, groups: Sequence[Sequence[int]]) -> EdgePeaks:
+    """Join the peaks of edges that are stretches of one line.
+
+    Parameters
+    ----------
+    peaks : EdgePeaks
+        Of the single edges.
+    middles : (edges,) array
+        Where each edge's middle lies along its line, in metres.
+    groups : sequence of sequences of int
+        The edges of each line, in order along it.
+
+    Returns
+    -------
+    EdgePeaks
+        A row for each line, positions along it as the middles are given.
+    """
+    count = peaks.along.shape[1]
+    size = max(len(group) for group in groups) * count
+    along, offset, strength = (np.full((len(groups), size), fill) for fill in (0.0, 0.0, -1.0))
+    for row, group in enumerate(groups):
+        for k, edge in enumerate(group):
+            part = np.s_[row, k * count : (k + 1) * count]
+            along[part] = peaks.along[edge] + middles[edge]
+            offset[part], strength[part] = peaks.offset[edge], peaks.strength[edge]
+    return EdgePeaks(along, offset, strength)
+
+
 def fit_edges(
     peaks: EdgePeaks, pixel_across: FloatArray, pixel_along: FloatArray, slope_sigma: FloatArray | None = None
 ) -> list[EdgeFit | None]:
@@ -139,7 +168,7 @@ def fit_edges(
     slope_variance = 1.0 / (independent * spread / variance + limit**-2)
     sigma_offset = np.sqrt(variance / np.maximum(independent, 1e-9) + slope_variance * center**2)
     strength = (peaks.strength * inlier).sum(axis=1) / count
-    coverage = inlier.mean(axis=1)
+    coverage = inlier.sum(axis=1) / np.maximum((peaks.strength >= 0).sum(axis=1), 1)
     return [
         EdgeFit(*(float(value) for value in row)) if enough else None
         for *row, enough in zip(
@@ -161,8 +190,10 @@ def _robust_lines(
     """Return offsets, slopes, residuals and robust scales; starts from medians of values and pairwise slopes."""
     along, value = peaks.along, peaks.offset
     half = along.shape[1] // 2
-    pairs = (value[:, half : 2 * half] - value[:, :half]) / (along[:, half : 2 * half] - along[:, :half])
-    slope = _median(pairs, seen[:, half : 2 * half] & seen[:, :half])
+    apart = along[:, half : 2 * half] - along[:, :half]
+    paired = seen[:, half : 2 * half] & seen[:, :half] & (apart > 0)
+    pairs = (value[:, half : 2 * half] - value[:, :half]) / np.where(paired, apart, 1.0)
+    slope = _median(pairs, paired)
     slope = np.clip(slope, -2 * limit, 2 * limit)
     offset = _median(value - slope[:, None] * along, seen)
     for _ in range(7):

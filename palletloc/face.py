@@ -60,6 +60,22 @@ class FaceEdge:
 
 
 @dataclass(frozen=True, slots=True)
+class FaceLine:
+    """A straight line on the face: one upright edge, or the level edges that lie on it."""
+
+    kind: EdgeKind
+    """The part of the face."""
+    edges: tuple[FaceEdge, ...]
+    """Its stretches, from left to right."""
+
+    @property
+    def whole(self) -> FaceEdge:
+        """The line from its first to its last end, as one edge."""
+        first, last = self.edges[0], self.edges[-1]
+        return FaceEdge(self.kind, first.start, last.end, first.outward)
+
+
+@dataclass(frozen=True, slots=True)
 class EdgeShift:
     """How far from the drawn edge an image shows it, along the edge's outward normal on the face plane."""
 
@@ -95,6 +111,30 @@ def face_edges(model: PalletModel) -> tuple[FaceEdge, ...]:
     for opening in model.openings:
         edges += _opening_edges(opening)
     return tuple(edges)
+
+
+@lru_cache(maxsize=64)
+def face_lines(model: PalletModel) -> tuple[FaceLine, ...]:
+    """Return the lines of a model's front face; openings at different heights give lines of their own.
+
+    Level edges on one line share whatever falsifies them, and together they give its slope: measuring them
+    apart would count them as independent witnesses.
+
+    Parameters
+    ----------
+    model : PalletModel
+        The pallet.
+
+    Returns
+    -------
+    tuple of FaceLine
+        In the order of `face_edges`.
+    """
+    lines: dict[tuple[EdgeKind, float, float], list[FaceEdge]] = {}
+    for edge in face_edges(model):
+        key = (edge.kind, 0.0, edge.start[1]) if edge.horizontal else (edge.kind, 1.0, edge.start[0])
+        lines.setdefault(key, []).append(edge)
+    return tuple(FaceLine(key[0], tuple(edges)) for key, edges in lines.items())
 
 
 def _feet(model: PalletModel) -> list[tuple[float, float]]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palletloc.face import face_edges
+from palletloc.face import face_lines
 from palletloc.face_system import USED_WEIGHT, FaceSolution, FaceSystem
 from palletloc.face_view import FaceView, measure_edges, view_face
 from palletloc.geometry import FloatArray, Image, LevelPose, wrap_angle
@@ -162,7 +162,7 @@ def _estimate(seen: FaceView, pose: LevelPose, model: PalletModel, solution: Fac
 
 
 def _coverage(seen: FaceView, model: PalletModel, solution: FaceSolution) -> float:
-    total = sum(edge.length for edge in face_edges(model))
+    total = sum(line.whole.length for line in face_lines(model))
     covered = sum(
         one.edge.length * one.fit.coverage
         for one, weight in zip(seen.edges, solution.weights, strict=True)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from palletloc.edge_fit import EdgeFit, edge_peaks, fit_edges
-from palletloc.face import EdgeKind, FaceEdge, edge_shift, face_edges
+from palletloc.edge_fit import EdgeFit, EdgePeaks, edge_peaks, fit_edges, join_peaks
+from palletloc.face import EdgeKind, FaceEdge, FaceLine, edge_shift, face_lines
 from palletloc.geometry import FloatArray, Image, LevelPose
 from palletloc.matching import Energy, gradient_across
 from palletloc.measurement import Reason
@@ -32,10 +33,10 @@ PIXEL_ERROR = 0.06
 
 @dataclass(frozen=True, slots=True)
 class MeasuredEdge:
-    """One edge of the face and what was measured of it."""
+    """One line of the face and what was measured of it."""
 
     edge: FaceEdge
-    """The edge."""
+    """The line, from its first to its last end."""
     fit: EdgeFit
     """Its offset and slope on the face, against where a camera should see it."""
     sigma: float
@@ -107,13 +108,13 @@ def view_face(
     if not view.valid.all():
         return Reason.OUT_OF_VIEW
     seen = FaceView(view, camera, (), 0)
-    return replace(seen, expected=sum(not seen.loaded(edge) for edge in visible_edges(model, camera)))
+    return replace(seen, expected=sum(not seen.loaded(line.whole) for line in visible_lines(model, camera)))
 
 
-def visible_edges(model: PalletModel, plane_from_camera: FloatArray) -> list[FaceEdge]:
-    """Return the edges to measure: from below, a beam hides the lower edge and would be taken for it."""
+def visible_lines(model: PalletModel, plane_from_camera: FloatArray) -> list[FaceLine]:
+    """Return the lines to measure: from below, a beam hides the lower edge and would be taken for it."""
     below = plane_from_camera[1] < 0
-    return [edge for edge in face_edges(model) if not (below and edge.kind is EdgeKind.BOTTOM)]
+    return [line for line in face_lines(model) if not (below and line.kind is EdgeKind.BOTTOM)]
 
 
 def measure_edges(
@@ -148,9 +149,9 @@ def measure_edges(
     center = np.array([[0.0, model.height / 2]])
     right = float(pixel_sizes(projector.camera, plane, center, np.array([[1.0, 0.0]]))[0])
     up = float(pixel_sizes(projector.camera, plane, center, np.array([[0.0, 1.0]]))[0])
-    edges = visible_edges(model, seen.plane_from_camera)
-    level = [edge for edge in edges if edge.horizontal]
-    upright = [edge for edge in edges if not edge.horizontal]
+    lines = visible_lines(model, seen.plane_from_camera)
+    level = [line for line in lines if line.whole.horizontal]
+    upright = [line for line in lines if not line.whole.horizontal]
     return [
         *_measure(seen, level, model, (up, right), max(level_reach, reach_px * up)),
         *_measure(seen, upright, model, (right, up), max(upright_reach, reach_px * right)),
@@ -158,31 +159,18 @@ def measure_edges(
 
 
 def _measure(
-    seen: FaceView, edges: Sequence[FaceEdge], model: PalletModel, pixel: tuple[float, float], reach: float
+    seen: FaceView, lines: Sequence[FaceLine], model: PalletModel, pixel: tuple[float, float], reach: float
 ) -> list[MeasuredEdge]:
-    """Measure edges of one direction; ``pixel`` holds the sizes of the camera's pixels across and along them."""
-    if not edges:
+    """Measure lines of one direction; ``pixel`` holds the sizes of the camera's pixels across and along them."""
+    if not lines:
         return []
     across, along = pixel
-    shifts = [edge_shift(edge, seen.plane_from_camera, model) for edge in edges]
-    outward = np.array([edge.outward for edge in edges])
-    length = np.array([edge.length for edge in edges])
-    drawn = np.array([[edge.start, edge.end] for edge in edges])
-    trim = (np.minimum(END_PIXELS * along, length / 4) / length)[:, None]
-    run = drawn[:, 1] - drawn[:, 0]
-    shifted = np.array([shift.mean for shift in shifts])[:, None] * outward
-    gradient = _gradient(seen, edges[0].horizontal, pixel)
-    peaks = edge_peaks(
-        gradient,
-        seen.view.grid,
-        drawn[:, 0] + trim * run + shifted,
-        drawn[:, 1] - trim * run + shifted,
-        outward,
-        np.full(len(edges), reach),
-    )
+    whole = [line.whole for line in lines]
+    shifts = [edge_shift(edge, seen.plane_from_camera, model) for edge in whole]
     # an upright edge stays upright: only level ones may tilt, by the yaw
-    tilt = None if edges[0].horizontal else 0.5 * across / length
-    fits = fit_edges(peaks, np.full(len(edges), across), np.full(len(edges), along), tilt)
+    tilt = None if whole[0].horizontal else np.array([0.5 * across / edge.length for edge in whole])
+    peaks = _peaks(seen, lines, np.array([shift.mean for shift in shifts]), pixel, reach)
+    fits = fit_edges(peaks, np.full(len(lines), across), np.full(len(lines), along), tilt)
     return [
         MeasuredEdge(
             edge,
@@ -191,9 +179,35 @@ def _measure(
             shift.mean,
             across,
         )
-        for edge, fit, shift in zip(edges, fits, shifts, strict=True)
+        for edge, fit, shift in zip(whole, fits, shifts, strict=True)
         if fit is not None
     ]
+
+
+def _peaks(
+    seen: FaceView, lines: Sequence[FaceLine], shifts: FloatArray, pixel: tuple[float, float], reach: float
+) -> EdgePeaks:
+    """Return the peaks along each line, of all its stretches, from its middle."""
+    edges = [edge for line in lines for edge in line.edges]
+    count = np.cumsum([0, *(len(line.edges) for line in lines)])
+    line_of = np.repeat(np.arange(len(lines)), np.diff(count))
+    drawn = np.array([[edge.start, edge.end] for edge in edges])
+    outward = np.array([edge.outward for edge in edges])
+    run = drawn[:, 1] - drawn[:, 0]
+    length = run.sum(axis=1)
+    trim = (np.minimum(END_PIXELS * pixel[1], length / 4) / length)[:, None] * run
+    shifted = shifts[line_of, None] * outward
+    peaks = edge_peaks(
+        _gradient(seen, edges[0].horizontal, pixel),
+        seen.view.grid,
+        drawn[:, 0] + trim + shifted,
+        drawn[:, 1] - trim + shifted,
+        outward,
+        np.full(len(edges), reach),
+    )
+    middles = np.array([line.whole.middle for line in lines])[line_of]
+    offsets = (drawn.mean(axis=1) - middles) @ (run[0] / length[0])
+    return join_peaks(peaks, offsets, [range(first, last) for first, last in pairwise(count)])
 
 
 def _gradient(seen: FaceView, horizontal: bool, pixel: tuple[float, float]) -> Energy:

@@ -10,14 +10,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from palletloc.boundary import BoundaryLine, boundary_lines
-from palletloc.edge_fit import EdgeFit, edge_peaks, fit_edges
-from palletloc.face import EdgeKind, FaceEdge, edge_shift, face_edges
+from palletloc.edge_fit import EdgeFit, edge_peaks, fit_edges, join_peaks
+from palletloc.face import EdgeKind, FaceEdge, edge_shift, face_lines
 from palletloc.geometry import FloatArray, Image, LevelPose, wrap_angle
 from palletloc.matching import Energy, gradient_across
 from palletloc.measurement import Reason, YawSource
@@ -68,6 +69,8 @@ class YawConfig:
     """Least part of an edge that must be seen for it to vote."""
     outline_error: float = 0.0005
     """How far each end of the face's lower edge may lie off (one standard deviation), in metres."""
+    outline_error_px: float = 0.05
+    """What comes on top, in pixels of the camera's image along the edge: its shadow is not even."""
     load_error: float = 0.004
     """The same for the upper edge, where a load may begin, in metres."""
     opening_error_px: float = 0.2
@@ -93,10 +96,10 @@ class HorizontalView:
 
 @dataclass(frozen=True, slots=True)
 class YawVote:
-    """What one edge says."""
+    """What one level line of the face says."""
 
     edge: FaceEdge
-    """The edge."""
+    """The line, from its first to its last end."""
     turn: float
     """Correction of the yaw, in radians."""
     sigma: float
@@ -122,12 +125,12 @@ class YawEstimate:
 
 
 class _Voter(NamedTuple):
-    """A level edge of the face and where a horizontal view shows it."""
+    """A level line of the face and where a horizontal view shows it."""
 
     edge: FaceEdge
-    """The edge."""
-    ends: tuple[tuple[float, float], tuple[float, float]]
-    """Its ends on the view's plane, without what lies beyond them, in metres."""
+    """The line, from its first to its last end."""
+    stretches: tuple[tuple[tuple[float, float], tuple[float, float]], ...]
+    """Ends of its stretches on the view's plane, without what lies beyond them, in metres."""
     pixel: tuple[float, float]
     """Sizes of the camera's pixels across and along it, in metres."""
 
@@ -300,14 +303,17 @@ def measure_yaw(
         `Reason.NO_LINE` where no edge is seen well enough.
     """
     gradient, _, _ = _gradient(projector, seen, 0.0)
-    voters = _voters(projector, model, seen, config)
+    voters = _voters(projector, model, seen)
     if not voters:
         return Reason.NO_LINE
     lever = abs(float(seen.plane_from_camera[1] / seen.plane_from_camera[2]))
-    reach = np.full(len(voters), max(config.reach * lever, 2 * config.resolution))
-    starts, ends = (np.array(points) for points in zip(*(voter.ends for voter in voters), strict=True))
+    ends = np.array([stretch for voter in voters for stretch in voter.stretches])
+    reach = np.full(len(ends), max(config.reach * lever, 2 * config.resolution))
+    single = edge_peaks(gradient, seen.view.grid, ends[:, 0], ends[:, 1], UPWARD, reach)
+    count = np.cumsum([0, *(len(voter.stretches) for voter in voters)])
+    groups = [range(first, last) for first, last in pairwise(count)]
     across, along = (np.array(sizes) for sizes in zip(*(voter.pixel for voter in voters), strict=True))
-    fits = fit_edges(edge_peaks(gradient, seen.view.grid, starts, ends, UPWARD, reach), across, along)
+    fits = fit_edges(join_peaks(single, ends[:, :, 0].mean(axis=1), groups), across, along)
     votes = []
     for voter, fit in zip(voters, fits, strict=True):
         if fit is None or fit.coverage < config.min_coverage:
@@ -330,37 +336,37 @@ def _gradient(projector: Projector, seen: HorizontalView, up: float) -> tuple[En
     return gradient_across(seen.view.image, True, float(sigma[0]), float(sigma[1])), float(across), float(along)
 
 
-def _voters(projector: Projector, model: PalletModel, seen: HorizontalView, config: YawConfig) -> list[_Voter]:
-    """Return the level edges that can be measured, and where the view shows them."""
+def _voters(projector: Projector, model: PalletModel, seen: HorizontalView) -> list[_Voter]:
+    """Return the level lines that can be measured, and where the view shows them."""
     camera = seen.plane_from_camera
     face_from_camera = np.array([camera[0], camera[2] + seen.height, -camera[1]])
-    edges = [edge for edge in face_edges(model) if edge.horizontal]
+    lines = [line for line in face_lines(model) if line.whole.horizontal]
     if seen.source is YawSource.TOP:  # a beam may hide the lower edge and be taken for it
-        edges = [edge for edge in edges if edge.kind is not EdgeKind.BOTTOM]
-    placed = []
-    for edge in edges:
-        shift = edge_shift(edge, face_from_camera, model)
-        height = edge.middle[1] + edge.outward[1] * shift.mean - seen.height
-        scale = camera[2] / (camera[2] - height)
-        left, right = (camera[0] + (end[0] - camera[0]) * scale for end in (edge.start, edge.end))
-        placed.append((edge, left, right, _line_up(height, camera)))
-    middles = np.array([((left + right) / 2, up) for _, left, right, up in placed])
-    plane = seen.view.camera_from_plane
-    across = pixel_sizes(projector.camera, plane, middles, UPWARD)
-    along = pixel_sizes(projector.camera, plane, middles, np.array([1.0, 0.0]))
+        lines = [line for line in lines if line.kind is not EdgeKind.BOTTOM]
+    heights = [
+        line.whole.middle[1] + line.whole.outward[1] * edge_shift(line.whole, face_from_camera, model).mean
+        for line in lines
+    ]
+    ups = np.array([_line_up(height - seen.height, camera) for height in heights])
+    middles = np.stack([np.zeros_like(ups), ups], axis=1)
+    across = pixel_sizes(projector.camera, seen.view.camera_from_plane, middles, UPWARD)
+    along = pixel_sizes(projector.camera, seen.view.camera_from_plane, middles, np.array([1.0, 0.0]))
     voters = []
-    for (edge, left, right, up), wide, long in zip(placed, across, along, strict=True):
-        # a pixel that straddles the edge's end sees what lies beyond it
+    for line, height, up, wide, long in zip(lines, heights, ups, across, along, strict=True):
+        scale = camera[2] / (camera[2] - height + seen.height)
+        # a pixel that straddles an edge's end sees what lies beyond it
         trim = END_PIXELS * float(long)
-        if right - left > 2 * trim + 3 * long:
-            voters.append(_Voter(edge, ((left + trim, up), (right - trim, up)), (float(wide), float(long))))
+        spans = [[camera[0] + (end[0] - camera[0]) * scale for end in (edge.start, edge.end)] for edge in line.edges]
+        kept = [((left + trim, up), (right - trim, up)) for left, right in spans if right - left > 2 * trim + long]
+        if kept:
+            voters.append(_Voter(line.whole, tuple(kept), (float(wide), float(long))))
     return voters
 
 
 def _end_error(edge: FaceEdge, from_above: bool, pixel_along: float, config: YawConfig) -> float:
     """Return how far each end of an edge may lie off on the face, in metres."""
     if edge.kind is EdgeKind.BOTTOM:
-        return config.outline_error
+        return config.outline_error + config.outline_error_px * pixel_along
     error = config.opening_error_px * pixel_along
     if edge.kind is EdgeKind.TOP and from_above:
         error += config.load_error

@@ -60,7 +60,9 @@ def localize(
         if output.done:
             _say(console, f"{output.done} of {len(job.shots)} shots are kept in {out}; --resume goes on")
         raise
-    Console().print(tally.table(out, output.done, len(output.skipped)))
+    stdout = Console()
+    stdout.print(tally.table(output.done, len(output.skipped)))
+    stdout.print(Text(f"results: {out}"), soft_wrap=True)
 
 
 @dataclass(slots=True)
@@ -88,17 +90,15 @@ class Tally:
         self.refusals.update(f"{one.stage}: {one.reason}" for one in outcome.explanation.refusals)
         self.durations.append(outcome.duration)
 
-    def table(self, out: Path, done: int, skipped: int) -> Table:
+    def table(self, done: int, skipped: int) -> Table:
         """Return the counts for people to read.
 
         Parameters
         ----------
-        out : Path
-            Where the results are.
         done, skipped : int
             Shots of the whole run, those done before included.
         """
-        table = Table(title=Text(str(out)), title_justify="left", show_header=False, box=box.SIMPLE)
+        table = Table(show_header=False, show_edge=False, box=box.SIMPLE)
         table.add_column(no_wrap=True)
         table.add_column(no_wrap=True)
         table.add_column(justify="right", no_wrap=True)
@@ -106,11 +106,11 @@ class Tally:
         if self.done_before:
             table.add_row("", "of them before; not counted below", str(self.done_before))
         table.add_row("", "skipped", str(skipped))
-        _add_counts(table, "pallets", self.pallets)
-        if self.without_pose:
-            table.add_row("", "starts without a pose", str(self.without_pose))
-        _add_counts(table, "refused", self.refusals)
         if self.durations:
+            _add_counts(table, "pallets", self.pallets)
+            if self.without_pose:
+                table.add_row("", "starts without a pose", str(self.without_pose))
+            _add_counts(table, "refused", self.refusals)
             table.add_row("time", "per shot (median)", f"{median(self.durations):.2f} s")
         return table
 

@@ -7,9 +7,11 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich import box
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
+from rich.text import Text
 
 from palletloc.geometry import Image
 from palletloc.io.recording import Recording, Shot, write_recording
@@ -62,7 +64,9 @@ def simulate(
     simulation = draw_simulation(spec, seed)
     console = Console(stderr=True)
     save_simulation(out, simulation, _counted(simulation.images(), shots, console))
-    Console().print(_summary(out, simulation))
+    stdout = Console()
+    stdout.print(_summary(simulation))
+    stdout.print(Text(f"recording: {out}"), soft_wrap=True)
 
 
 def save_simulation(folder: Path, simulation: Simulation, images: Iterable[Image] | None = None) -> None:
@@ -104,11 +108,13 @@ def save_simulation(folder: Path, simulation: Simulation, images: Iterable[Image
 
 def _counted(images: Iterable[Image], count: int, console: Console) -> Iterator[Image]:
     """Return the images, with a bar that shows how many are made."""
-    yield from track(images, "Rendering", total=count, console=console, transient=True)
+    yield from track(
+        images, "rendering", total=count, console=console, transient=True, disable=not console.is_terminal
+    )
 
 
-def _summary(out: Path, simulation: Simulation) -> Table:
-    table = Table(title=str(out), show_header=False)
+def _summary(simulation: Simulation) -> Table:
+    table = Table(show_header=False, show_edge=False, box=box.SIMPLE)
     table.add_row("shots", str(simulation.spec.shots))
     table.add_row("image", f"{simulation.camera.width} x {simulation.camera.height}")
     table.add_row("pallets", str(len(simulation.aisle.pallets)))

@@ -6,6 +6,7 @@ import ast
 import inspect
 import sys
 from collections.abc import Mapping
+from functools import cache
 from itertools import pairwise
 
 
@@ -28,18 +29,22 @@ def field_meanings(kind: type) -> Mapping[str, str]:
     >>> field_meanings(HeightPrior)["sigma"]
     'Standard deviation, in metres.'
     """
+    return _classes(kind.__module__).get(kind.__name__, {})
+
+
+@cache
+def _classes(module: str) -> Mapping[str, Mapping[str, str]]:
+    """Return what the classes of a module say about their fields, by the class's name."""
     try:
-        tree = ast.parse(inspect.getsource(sys.modules[kind.__module__]))
+        tree = ast.parse(inspect.getsource(sys.modules[module]))
     except (KeyError, OSError, TypeError):  # no such module, or one without a source file
         return {}
-    classes = (node for node in tree.body if isinstance(node, ast.ClassDef))
-    body = next((node.body for node in classes if node.name == kind.__name__), [])
-    meanings = {}
-    for statement, follower in pairwise(body):
-        name, text = _assigned(statement), _text(follower)
-        if name and text:
-            meanings[name] = text
-    return meanings
+    return {node.name: _meanings(node) for node in tree.body if isinstance(node, ast.ClassDef)}
+
+
+def _meanings(node: ast.ClassDef) -> Mapping[str, str]:
+    pairs = ((_assigned(statement), _text(follower)) for statement, follower in pairwise(node.body))
+    return {name: text for name, text in pairs if name and text}
 
 
 def _assigned(statement: ast.stmt) -> str:

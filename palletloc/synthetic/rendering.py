@@ -64,7 +64,7 @@ def render(
         light[part.pixels] = radiance.T
     image, solids = light.reshape(height, width, 3), things.reshape(height, width)
     if smooth:
-        changed = _changes(image, solids).ravel()
+        changed = _changes(image, solids, rays.camera.period_px is not None).ravel()
         for part in rays.parts:
             chosen = changed[part.pixels]
             finer = finer_rays(rays.camera, part, chosen, _OFFSETS).moved(rotation, translation)
@@ -73,14 +73,14 @@ def render(
     return Picture(image, solids)
 
 
-def _changes(image: Samples, solids: NDArray[np.int32]) -> BoolArray:
-    """Return the pixels that differ from a neighbour."""
-    changed = np.zeros(solids.shape, np.bool_)
+def _changes(image: Samples, solids: NDArray[np.int32], closed: bool) -> BoolArray:
+    """Return the pixels that differ from a neighbour; in a closed image the first column follows the last."""
     light = np.log(image[:, :, 1] + np.float32(_FLOOR_OF_CONTRAST))
+    changed = np.zeros(solids.shape, np.bool_)
     for axis in (0, 1):
-        step = np.abs(np.diff(light, axis=axis)) > _CONTRAST
-        step |= np.diff(solids, axis=axis) != 0
-        one, other = (changed[:-1], changed[1:]) if axis == 0 else (changed[:, :-1], changed[:, 1:])
-        one |= step
-        other |= step
+        differs = np.abs(light - np.roll(light, 1, axis)) > _CONTRAST
+        differs |= solids != np.roll(solids, 1, axis)
+        if not (closed and axis == 1):
+            differs[(slice(None),) * axis + (0,)] = False
+        changed |= differs | np.roll(differs, -1, axis)
     return changed

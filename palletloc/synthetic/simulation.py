@@ -44,6 +44,8 @@ class SimulationSpec:
     """Largest error of the nominal shelf plane's distance, in metres."""
     plane_turn: float = 0.014
     """Largest error of the nominal shelf plane's heading, in radians."""
+    tell_levels: bool = True
+    """Whether the recording says the heights that loads stand on."""
     mounting: RigidTransform | None = None
     """True ``forklift_from_camera``; None to draw one."""
     mounting_translation_sigma: float = 0.0
@@ -179,6 +181,9 @@ def _nominal_shelf(
     middle = aisle.frame.world(float(offset), approach.start.x + approach.length, 0.0)
     x, y, yaw = approach.poses(np.zeros(1))[0].tolist()
     in_world = ShelfPlane(
-        middle.x, middle.y, wrap_angle(middle.yaw + np.pi + float(turn)), tuple(sorted(spec.aisle.levels))
+        middle.x,
+        middle.y,
+        wrap_angle(middle.yaw + np.pi + float(turn)),
+        tuple(sorted(spec.aisle.levels)) if spec.tell_levels else (),
     )
     return in_world.seen_from(LevelPose(x, y, 0.0, yaw))

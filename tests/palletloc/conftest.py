@@ -24,7 +24,7 @@ time_s,x_m,y_m,yaw_rad,speed_mps,yaw_rate_radps
 
 @pytest.fixture
 def blank_recording(tmp_path: Path) -> Path:
-    """Return a recording of four shots in which there is nothing to see, written without the code under test."""
+    """Return a recording of four shots with nothing to see, written without the code under test."""
     folder = tmp_path / "approach"
     (folder / "images").mkdir(parents=True)
     for name, text in {"recording.yaml": RECORDING, "shots.csv": SHOTS, "odometry.csv": ODOMETRY}.items():

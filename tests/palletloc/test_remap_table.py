@@ -227,15 +227,16 @@ def test_the_image_does_not_wrap_over_the_poles(
 def test_the_seam_leaves_no_trace(interpolation: Interpolation, resolution: float) -> None:
     camera = CAMERAS["equirectangular"]
     grid = PlaneGrid(-30 * resolution, 30 * resolution, resolution, 61, 61)
-    noise = np.random.default_rng(0).integers(0, 256, (camera.height, camera.width), dtype=np.uint8)
-    image = np.asarray(cv2.GaussianBlur(noise, (0, 0), 1.0), dtype=np.uint8)
+    image = np.random.default_rng(0).integers(0, 256, (camera.height, camera.width), dtype=np.uint8)
     behind = build_table(camera, plane(-2.5, 0.0, -0.5, 180, PALLET_FROM_VERTICAL), grid)
     ahead = build_table(camera, plane(2.5, 0.0, -0.5, 0, PALLET_FROM_VERTICAL), grid)
     assert behind.window.columns < camera.width
     assert ahead.window.columns == camera.width
     turned = np.roll(image, camera.width // 2, axis=1)
-    difference = behind.apply(turned, interpolation).astype(int) - ahead.apply(image, interpolation)
-    assert np.abs(difference).max() <= 2
+    difference = np.abs(behind.apply(turned, interpolation).astype(int) - ahead.apply(image, interpolation))
+    # OpenCV's weights come in steps of 1/32 px: rounding may put a pixel into the next one.
+    assert (difference > 2).mean() < 0.01
+    assert difference.max() < 10
 
 
 @pytest.mark.parametrize("name", ["ahead", "behind", "straight_below"])

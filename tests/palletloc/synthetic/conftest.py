@@ -16,7 +16,7 @@ OVERHEAD = Light(((0.0, 0.6, 0.8), (0.6, 0.0, 0.8), (-0.6, 0.0, 0.8), (0.0, -0.6
 @pytest.fixture
 def closed_below() -> PalletModel:
     """A face with sharp edges whose openings have a board below them."""
-    openings = tuple(Opening(center, 0.022, 0.38, 0.1) for center in (-0.264, 0.264))
+    openings = tuple(Opening(center, 0.022, 0.38, 0.1) for center in (-0.264, 0.25))
     return PalletModel("closed", 1.2, 0.144, 0.8, openings)
 
 

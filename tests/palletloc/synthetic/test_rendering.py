@@ -205,6 +205,15 @@ def test_all_cameras_see_the_same_scene(
     assert matched > 1000
 
 
+def test_edges_on_the_seam_of_a_closed_image_are_smooth(hall: Scenes, looking: Poses) -> None:
+    # turned by a half circle, the seam is where the middle was
+    scene = lit(hall([Box(LevelPose(3.0, 0.0, 1.0, 0.3), (0.4, 0.4, 2.0), RED)]))
+    rays = camera_rays(Equirectangular(256, 128))
+    middle = render(scene, rays, looking((0.0, 0.0, 1.0), 4.05)).radiance
+    seam = render(scene, rays, looking((0.0, 0.0, 1.0), 184.05)).radiance
+    assert np.abs(np.roll(seam, 128, axis=1) - middle).max() < 0.01
+
+
 def test_a_camera_that_sees_nothing_is_refused() -> None:
     class Blind:
         width, height, period_px = 4, 4, None

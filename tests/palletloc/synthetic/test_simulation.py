@@ -105,6 +105,11 @@ def test_every_camera_sees_pallets_of_the_shelf(kind: CameraKind, side: Side) ->
     assert np.isin(solids, fronts).sum() > 20
 
 
+def test_levels_may_be_kept_secret() -> None:
+    assert simulate(SPEC, 1).shelf.levels == AISLE.levels
+    assert simulate(replace(SPEC, tell_levels=False), 1).shelf.levels == ()
+
+
 def test_no_shots_are_refused() -> None:
     with pytest.raises(ValueError, match="at least one shot"):
         simulate(replace(SPEC, shots=0), 0)

@@ -56,6 +56,8 @@ class DetectionConfig:
     """Least agreement of view and template, 0 to 1."""
     min_spacing: float = 0.25
     """Least distance along the shelf between two candidates, in metres."""
+    min_depth_spacing: float = 0.10
+    """Least distance in depth between two candidates in one place, in metres."""
     max_candidates: int = 16
     """Most candidates of one model on one level."""
 
@@ -253,13 +255,10 @@ def _match(
     for batch in _batches(seen, model, level, config):
         score = match_template(template, seen.view.grid, camera, batch, places)
         score[~_plausible(batch, places, seen, config)] = -np.inf
-        winner = score.argmax(axis=0)
-        best = score[winner, np.arange(len(places))]
-        for i in _peaks(best, places, config):
-            chosen = winner[i]
-            pose = _pose(seen, places[i], batch.scale[chosen, 0], batch.yaw[chosen, 0], batch.height[0, 0])
-            found.append(Detection(model, pose, level, float(best[i])))
-    return found if level is not None else _spaced(found, config)
+        for place, chosen, value in _best(score, (batch.scale[:, 0] - 1) * seen.distance, places, config):
+            pose = _pose(seen, place, batch.scale[chosen, 0], batch.yaw[chosen, 0], batch.height[0, 0])
+            found.append(Detection(model, pose, level, value))
+    return _spaced(found, config.max_candidates * (1 if level is not None else 2), config)
 
 
 def _plausible(
@@ -295,32 +294,41 @@ def _spread(reach: float, step: float) -> FloatArray:
     return np.linspace(-reach, reach, 2 * count + 1) if count else np.zeros(1)
 
 
-def _peaks(score: FloatArray, places: FloatArray, config: DetectionConfig) -> list[int]:
-    """Return the indices of the best places that keep their distance from each other."""
-    kept: list[int] = []
-    for i in np.argsort(-score):
-        if score[i] < config.min_score or len(kept) == config.max_candidates:
-            break
-        if all(abs(places[i] - places[k]) >= config.min_spacing for k in kept):
-            kept.append(int(i))
-    return kept
+def _best(
+    score: FloatArray, depth: FloatArray, places: FloatArray, config: DetectionConfig
+) -> Iterator[tuple[float, int, float]]:
+    """Yield place, hypothesis and score of the local maxima along the shelf in each slab of depth."""
+    slabs = np.floor(depth / config.min_depth_spacing)
+    for slab in np.unique(slabs):
+        rows = np.flatnonzero(slabs == slab)
+        winner = score[rows].argmax(axis=0)
+        best = score[rows[winner], np.arange(len(places))]
+        padded = np.concatenate([[-np.inf], best, [-np.inf]])
+        peak = (best >= padded[:-2]) & (best >= padded[2:]) & (best >= config.min_score)
+        for i in np.flatnonzero(peak):
+            yield float(places[i]), int(rows[winner[i]]), float(best[i])
 
 
-def _spaced(found: list[Detection], config: DetectionConfig) -> list[Detection]:
-    """Return the best detections of a model that stand apart, along the shelf or in height."""
+def _spaced(found: list[Detection], most: int, config: DetectionConfig) -> list[Detection]:
+    """Return the best detections of a model that stand apart: along the shelf, in depth or in height."""
     kept: list[Detection] = []
     for one in sorted(found, key=lambda detection: -detection.score):
-        pose = one.forklift_from_pallet
-        if len(kept) == 2 * config.max_candidates:
+        if len(kept) == most:
             break
-        near = (other.forklift_from_pallet for other in kept)
-        if all(
-            np.hypot(pose.x - other.x, pose.y - other.y) >= config.min_spacing
-            or abs(pose.z - other.z) >= 0.6 * one.model.height
-            for other in near
-        ):
+        if not any(_close(one, other, config) for other in kept):
             kept.append(one)
     return kept
+
+
+def _close(one: Detection, other: Detection, config: DetectionConfig) -> bool:
+    here, there = one.forklift_from_pallet, other.forklift_from_pallet
+    dx, dy = there.x - here.x, there.y - here.y
+    cos, sin = np.cos(here.yaw), np.sin(here.yaw)
+    return bool(
+        abs(cos * dy - sin * dx) < config.min_spacing
+        and abs(cos * dx + sin * dy) < config.min_depth_spacing
+        and abs(there.z - here.z) < 0.6 * one.model.height
+    )
 
 
 def _pose(seen: ShelfView, place: float, scale: float, yaw: float, height: float) -> LevelPose:

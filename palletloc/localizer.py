@@ -16,7 +16,7 @@ from palletloc.geometry import Image, LevelPose
 from palletloc.measurement import HeightPrior, PalletMeasurement, Reason, Refusal, Stage
 from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
-from palletloc.pipeline import looks_like_pallet, measure_on_planes
+from palletloc.pipeline import FIRST_CONTRAST, looks_like_pallet, measure_on_planes
 from palletloc.projection import Projector
 from palletloc.shelf import ShelfPlane
 from palletloc.verification import overlapping
@@ -217,7 +217,7 @@ class Localizer:
         for one in certain:
             if one.pose and overlapping(one.pose, one.model, candidate.start, candidate.model):
                 return candidate.refuse(Stage.DETECTION, Reason.OVERLAP)
-        if not looks_like_pallet(shot, candidate, candidate.start):
+        if not looks_like_pallet(shot, candidate, candidate.start, FIRST_CONTRAST):
             return candidate.refuse(Stage.DETECTION, Reason.LOW_CONTRAST)
         return METHODS[self.method](shot, candidate, self.config)
 

@@ -19,8 +19,10 @@ from palletloc.yaw import find_lines, horizontal_source, measure_line, measure_y
 
 GLANCE_RESOLUTION = 0.006
 """Metres per pixel of the view that tells most places from a pallet at a glance."""
-GLANCE_CONTRAST = 0.9
-"""Contrast of openings and blocks below which that view shows no pallet, in spreads of the blocks."""
+FIRST_CONTRAST = 0.6
+"""Contrast of openings and blocks below which a detection's place shows no pallet, in spreads of the blocks."""
+SWEPT_CONTRAST = 1.2
+"""The same where a sweep has found the place to a centimetre or two."""
 
 
 def measure_on_planes(shot: ShotView, candidate: Candidate, config: LocalizerConfig) -> None:
@@ -55,7 +57,7 @@ def measure_on_planes(shot: ShotView, candidate: Candidate, config: LocalizerCon
     for peak in swept.peaks:
         if candidate.pose is not None and _near(peak, candidate.pose):
             continue  # it would lead to the same pose
-        if not looks_like_pallet(shot, candidate, peak):
+        if not looks_like_pallet(shot, candidate, peak, SWEPT_CONTRAST):
             continue
         attempt = replace(candidate, refusal=None, face=None, pose=None, verification=None)
         _fit(shot, attempt, _voted_yaw(shot, attempt, source, peak, config), config)
@@ -68,7 +70,7 @@ def measure_on_planes(shot: ShotView, candidate: Candidate, config: LocalizerCon
     return None
 
 
-def looks_like_pallet(shot: ShotView, candidate: Candidate, pose: LevelPose) -> bool:
+def looks_like_pallet(shot: ShotView, candidate: Candidate, pose: LevelPose, contrast: float) -> bool:
     """Tell whether blocks and openings differ at all: most places that are not a pallet end here.
 
     Parameters
@@ -79,13 +81,15 @@ def looks_like_pallet(shot: ShotView, candidate: Candidate, pose: LevelPose) -> 
         Gives the model.
     pose : LevelPose
         ``forklift_from_pallet``, right to a few centimetres.
+    contrast : float
+        Least contrast.
     """
     seen = view_face(
         shot.projector, shot.image, shot.camera_from_forklift, pose, candidate.model, GLANCE_RESOLUTION
     )
     if isinstance(seen, Reason):
         return True  # the fit tells the reason
-    return opening_contrast(seen.view, candidate.model) >= GLANCE_CONTRAST
+    return opening_contrast(seen.view, candidate.model) >= contrast
 
 
 def _near(one: LevelPose, other: LevelPose) -> bool:

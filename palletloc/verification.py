@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
 from palletloc.face_fit import FaceEstimate
@@ -18,6 +19,8 @@ from palletloc.pallet import PalletModel
 from palletloc.plane import PlaneView
 from palletloc.template import FacePlacement, face_template, match_template
 
+SMOOTHING = 0.006
+"""Standard deviation of the smoothing before colours are compared, in metres."""
 NOISE = 2.0
 """Differences below this are noise, in gray levels."""
 
@@ -94,8 +97,9 @@ def opening_contrast(view: PlaneView, model: PalletModel) -> float:
     Returns
     -------
     float
-        For the less clear opening: distance of its upper part's mean colour from the blocks', over the spread of
-        the blocks (within and between them).
+        For the less clear opening: median distance of its pixels from the blocks' mean colour, over the spread
+        of the blocks (within and between them). About 1 where there is no opening; what is seen through one may
+        be dark and bright at once, so its mean colour says little.
     """
     low = max(min(opening.bottom for opening in model.openings), 0.01)
     high = min(opening.bottom + opening.height for opening in model.openings)
@@ -105,7 +109,7 @@ def opening_contrast(view: PlaneView, model: PalletModel) -> float:
     ends.append(model.width / 2)
     blocks = [_colours(view, left, right, low, high) for left, right in zip(ends[::2], ends[1::2], strict=True)]
     openings = [
-        _colours(view, left, right, (low + high) / 2, high)
+        _colours(view, left, right, low, high)
         for left, right in zip(ends[1:-1:2], ends[2:-1:2], strict=True)
     ]
     means = np.array([block.mean(axis=0) for block in blocks])
@@ -113,18 +117,18 @@ def opening_contrast(view: PlaneView, model: PalletModel) -> float:
     between = float(((means - means.mean(axis=0)) ** 2).sum(axis=1).mean())
     spread = np.sqrt(within + between + NOISE**2)
     distances = [
-        float(np.linalg.norm(colour.mean(axis=0) - means.mean(axis=0))) / spread for colour in openings
+        float(np.median(np.linalg.norm(colours - means.mean(axis=0), axis=1))) / spread for colours in openings
     ]
     return float(min(distances))
 
 
 def _colours(view: PlaneView, left: float, right: float, low: float, high: float) -> FloatArray:
-    """Return the colours inside a rectangle of the face, without its margins, (n, channels)."""
+    """Return the smoothed colours inside a rectangle of the face, without its margins, (n, channels)."""
     margin_right, margin_up = 0.15 * (right - left), 0.15 * (high - low)
     corners = view.grid.pixels(np.array([[left + margin_right, high - margin_up], [right - margin_right, low + margin_up]]))
     (c0, r0), (c1, r1) = np.rint(corners).astype(int)
-    patch = view.image[r0 : r1 + 1, c0 : c1 + 1].astype(np.float64)
-    return patch.reshape(-1, 1 if view.image.ndim == 2 else 3)
+    patch = cv2.GaussianBlur(view.image[r0 : r1 + 1, c0 : c1 + 1], (0, 0), SMOOTHING / view.grid.resolution)
+    return patch.astype(np.float64).reshape(-1, 1 if view.image.ndim == 2 else 3)
 
 
 def _score(estimate: FaceEstimate, model: PalletModel) -> float:

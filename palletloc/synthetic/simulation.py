@@ -142,7 +142,9 @@ def simulate(spec: SimulationSpec, seed: int) -> Simulation:
     for_aisle, for_way, for_odometry, for_rig, for_plane = np.random.default_rng(seed).spawn(5)
     aisle = draw_aisle(spec.aisle, for_aisle)
     approach = spec.approach or _draw_approach(for_way)
-    mounting = spec.mounting or draw_mounting(spec.camera, spec.aisle.side, for_rig)
+    mounting = spec.mounting
+    if mounting is None:
+        mounting = draw_mounting(spec.camera, spec.aisle.side, for_rig)
     recorded = disturbed(mounting, spec.mounting_translation_sigma, spec.mounting_rotation_sigma, for_rig)
     return Simulation(
         spec=spec,

@@ -70,7 +70,7 @@ def test_the_shelf_stays_where_it_is_in_odom(recording: Recording, time: float) 
 def test_the_heading_may_drift_for_as_long_as_the_odometry_runs(recording: Recording) -> None:
     drifts = [np.degrees(shelf_at(recording, time, PRIOR).drift) for time in (-1.0, 0.0, 1.0, 2.0)]
     np.testing.assert_allclose(drifts, [0.5, 0.0, 0.5, 0.8], atol=1e-12)
-    later = replace(recording, odometry=replace(recording.odometry, times=[5.0, 6.0, 7.0]))
+    later = replace(recording, odometry=replace(recording.odometry, times=np.array([5.0, 6.0, 7.0])))
     assert np.degrees(shelf_at(later, 6.0, PRIOR).drift) == pytest.approx(0.5)
 
 
@@ -115,10 +115,8 @@ def test_given_starts_are_worked_on_in_the_order_of_their_file(blank_recording: 
     assert explanation.shelf_views == ()
 
 
-def test_each_given_start_has_its_row(
-    blank_recording: Path, recording: Recording, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def finds_the_second(self: Localizer, *arguments: object) -> Explanation:
+def test_each_given_start_has_its_row(blank_recording: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def finds_the_second(self: Localizer, *_arguments: object) -> Explanation:
         model = self.models["t11"]
         candidates = [Candidate(model, LevelPose(3.0, 2.0, 0.0, float(number)), None) for number in range(3)]
         candidates[1].pose, candidates[1].covariance = candidates[1].start, np.eye(4)
@@ -243,7 +241,7 @@ def test_what_was_skipped_is_passed_over_again(blank_recording: Path, tmp_path: 
 def test_a_full_disk_is_no_fault_of_a_shot(
     blank_recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def cannot(self: RunFolder, *arguments: object) -> None:
+    def cannot(*_arguments: object) -> None:
         raise OutputError("out: cannot be written: No space left on device")
 
     monkeypatch.setattr(RunFolder, "add", cannot)
@@ -251,13 +249,15 @@ def test_a_full_disk_is_no_fault_of_a_shot(
         worked(read_job(blank_recording), tmp_path / "out")
 
 
+def explanations_in_memory() -> int:
+    return sum(isinstance(thing, Explanation) for thing in gc.get_objects())
+
+
 def test_what_was_found_is_not_piled_up(blank_recording: Path, tmp_path: Path) -> None:
     lines = [f"{0.01 * number:.2f},images/0.png" for number in range(12)]
     (blank_recording / "shots.csv").write_text("\n".join(["time_s,file", *lines]) + "\n")
     job = read_job(blank_recording)
-    alive = []
     with RunFolder(tmp_path / "out", RUN, blank_recording, job.shots) as output:
-        for _ in work_through(job, output):
-            alive.append(sum(isinstance(thing, Explanation) for thing in gc.get_objects()))
+        alive = [explanations_in_memory() for _ in work_through(job, output)]
     assert len(alive) == 12
     assert max(alive) <= alive[0] + 1

@@ -118,6 +118,15 @@ def test_the_rounding_of_an_edge_hides_what_geometry_says(hall: Scenes, looking:
     assert seen == pytest.approx(700.0 * radius / np.sqrt(4.0 - radius**2), rel=0.004)
 
 
+@pytest.mark.parametrize("order", [1, -1])
+def test_the_nearer_of_two_solids_of_one_shape_is_seen(order: int, hall: Scenes, looking: Poses) -> None:
+    near, far = (Box(LevelPose(x, 0.0, 1.0, 0.0), (0.2, 0.2, 0.2), RED, rounding=0.1) for x in (2.0, 2.1))
+    balls = [near, far][::order]
+    picture = render(lit(hall(balls)), camera_rays(PINHOLE), looking((0.0, 0.02, 1.0)), smooth=False)
+    assert (picture.solids == balls.index(near)).sum() > 1000
+    assert (picture.solids == balls.index(far)).sum() < 50
+
+
 def centre(picture: Picture) -> int:
     return int(picture.solids[picture.solids.shape[0] // 2, picture.solids.shape[1] // 2])
 

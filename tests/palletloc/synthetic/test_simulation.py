@@ -4,11 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
 
-from palletloc.geometry import level_pose
+from palletloc.geometry import LevelPose, level_pose
 from palletloc.pallet_library import load_library
 from palletloc.synthetic.aisle import AisleSpec
-from palletloc.synthetic.approach import OdometryNoise
+from palletloc.synthetic.approach import Approach, OdometryNoise
+from palletloc.synthetic.loads import Load
+from palletloc.synthetic.pallet_solid import PalletBody
 from palletloc.synthetic.placing import Side
 from palletloc.synthetic.rig import CameraKind
 from palletloc.synthetic.sensor import Sensor
@@ -95,13 +98,33 @@ def test_a_mounting_with_errors_differs_from_the_true_one_by_them() -> None:
     assert np.std(turns) == pytest.approx(0.002, rel=0.2)
 
 
+def test_true_poses_project_to_where_the_pallets_are_seen() -> None:
+    aisle = replace(AISLE, loads=(Load.NONE,), filled=1.0)
+    approach = Approach(LevelPose(-0.8, -0.3, 0.0, 0.1), length=2.0)
+    mounting = RigidTransform.from_components([0.3, 0.1, 1.6], Rotation.from_euler("ZYX", [1.4, 0.1, -0.1]))
+    spec = replace(SPEC, aisle=aisle, width=512, shots=3, approach=approach, mounting=mounting)
+    simulation = simulate(spec, 8)
+    bodies = [i for i, s in enumerate(simulation.aisle.scene.solids) if isinstance(s, PalletBody)]
+    hits = []
+    for shot, time in enumerate(simulation.times.tolist()):
+        solids = simulation.picture(shot).solids
+        world_from_camera = simulation.truth.pose_at(time).transform() * simulation.forklift_from_camera
+        for body, pallet in zip(bodies, simulation.aisle.pallets, strict=True):
+            camera_from_pallet = world_from_camera.inv() * pallet.world_from_pallet.transform()
+            block = np.array([0.0, 0.0, 0.05])  # on the middle block, below the camera
+            u, v = np.round(simulation.camera.project(camera_from_pallet.apply(block)).pixels).astype(int)
+            hits.append(solids[v, u % 512] == body)
+    assert len(hits) >= 6
+    assert np.mean(hits) > 0.8  # an upright may stand before a block
+
+
 @pytest.mark.parametrize("side", list(Side))
 @pytest.mark.parametrize("kind", list(CameraKind))
 def test_every_camera_sees_pallets_of_the_shelf(kind: CameraKind, side: Side) -> None:
     spec = replace(SPEC, camera=kind, width=160, shots=3, aisle=replace(AISLE, side=side, filled=1.0))
     simulation = simulate(spec, 2)
     solids = simulation.picture(1).solids
-    fronts = [i for i, s in enumerate(simulation.aisle.scene.solids) if hasattr(s, "planks")]
+    fronts = [i for i, s in enumerate(simulation.aisle.scene.solids) if isinstance(s, PalletBody)]
     assert np.isin(solids, fronts).sum() > 20
 
 

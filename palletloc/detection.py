@@ -184,7 +184,7 @@ def view_shelf(
         )
     foot = camera[:2] + distance * into
     forklift_from_plane = LevelPose(foot[0], foot[1], 0.0, yaw).transform() * PALLET_FROM_VERTICAL
-    columns = _searched(distance, into, rightward, config)
+    columns = _searched(distance, into, rightward, forklift_from_camera, config)
     anchor = float(from_camera @ rightward)
     reach = _depth_reach(max(-columns[0], columns[1]), anchor, _yaw_reach(shelf.drift, config), config)
     grid = _grid(columns, max(1 - reach / distance, 0.6), float(camera[2]), models, level, config)
@@ -195,13 +195,23 @@ def view_shelf(
 
 
 def _searched(
-    distance: float, into: FloatArray, rightward: FloatArray, config: DetectionConfig
+    distance: float,
+    into: FloatArray,
+    rightward: FloatArray,
+    forklift_from_camera: RigidTransform,
+    config: DetectionConfig,
 ) -> tuple[float, float]:
-    """Return the stretch of the plane that lies within range and bearing, in metres to the right."""
+    """Return the stretch of the plane that lies within range and bearing, in metres to the right.
+
+    The bearing counts from the forklift's forward axis or the camera's, whichever is nearer.
+    """
     reach = np.sqrt(max(config.max_range**2 - distance**2, 0.01))
     right = np.linspace(-reach, reach, 201)
     towards = distance * into + right[:, None] * rightward
-    seen = np.abs(np.arctan2(towards[:, 1], towards[:, 0])) <= np.radians(config.max_bearing_deg)
+    bearing = np.arctan2(towards[:, 1], towards[:, 0])
+    ahead = forklift_from_camera.as_matrix()[:2, 0]
+    turned = wrap_angle(bearing - np.arctan2(ahead[1], ahead[0]))
+    seen = np.minimum(np.abs(bearing), np.abs(turned)) <= np.radians(config.max_bearing_deg)
     if not seen.any():
         return (0.0, 0.0)
     return float(right[seen].min()), float(right[seen].max())

@@ -82,7 +82,9 @@ class EdgeShift:
     mean: float
     """Expected shift in metres."""
     sigma: float
-    """Standard deviation of one edge's shift in metres, the same along the whole edge."""
+    """Standard deviation of the rounding's part of it, the same along the whole edge, in metres."""
+    both_seen: bool
+    """Whether both surfaces that meet at the edge are in view."""
 
 
 @lru_cache(maxsize=64)
@@ -188,7 +190,7 @@ def edge_shift(edge: FaceEdge, plane_from_camera: FloatArray, model: PalletModel
     """
     middle, outward, radius = edge.middle, edge.outward, model.edge_radius
     across = (plane_from_camera[0] - middle[0]) * outward[0] + (plane_from_camera[1] - middle[1]) * outward[1]
-    tangent = across / plane_from_camera[2]
+    tangent = float(across / plane_from_camera[2])
     if tangent < 0:
         angle = np.arctan(-tangent)
         contour = radius * (1 - np.cos(angle)) + radius * (1 - np.sin(angle)) * np.tan(angle)
@@ -201,4 +203,4 @@ def edge_shift(edge: FaceEdge, plane_from_camera: FloatArray, model: PalletModel
         mean, sigma = 0.75 * radius * tangent, np.hypot(BLUNT_EDGE, radius * (0.2 + 0.25 * tangent))
         if edge.kind is EdgeKind.TOP:  # a load may begin anywhere near it
             sigma += 2 * radius
-    return EdgeShift(float(mean), float(np.hypot(sigma, model.tolerance)))
+    return EdgeShift(float(mean), float(sigma), tangent >= 0)

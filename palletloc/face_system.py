@@ -1,7 +1,8 @@
 """The linear least squares behind the fit of a face: what a small motion does to its edges.
 
-Unknowns are the motion of the face in its own frame (right, up, depth, yaw) and six errors of the mounting. The
-latter are held by their sigmas: they cannot be told from a motion, but they belong into its covariance.
+Unknowns are the motion of the face in its own frame (right, up, depth, yaw), six errors of the mounting and the
+errors that upright edges share, as light falls on all of them alike. All but the motion are held by their sigmas:
+they can hardly be told from a motion, but they belong into its covariance.
 """
 
 from __future__ import annotations
@@ -18,7 +19,10 @@ from palletloc.plane import PALLET_FROM_VERTICAL
 
 USED_WEIGHT = 0.2
 """Weight from which on an edge counts as used."""
-_UNKNOWNS = 10
+_MOTION, _MOUNTING, _SHARED = 4, 6, 2
+_UNKNOWNS = _MOTION + _MOUNTING + _SHARED
+_SHARED_PART = 0.7
+"""Part of an upright edge's shift error that it shares with the others of its side, as a standard deviation."""
 _TINY = 1e-9
 
 
@@ -56,28 +60,32 @@ class FaceSystem:
         self._axes, self._origin = forklift_from_plane[:3, :3], forklift_from_plane[:3, 3]
         middles = np.array([one.edge.middle for one in seen.edges])
         outward = np.array([one.edge.outward for one in seen.edges])
-        sigma = np.array([one.sigma for one in seen.edges])
-        offsets = np.einsum("ni,nij->nj", outward, self._image_motion(middles)) / sigma[:, None]
-        self._rows = [offsets]
+        shared = np.array([0.0 if one.edge.horizontal else _SHARED_PART * one.shift.sigma for one in seen.edges])
+        own = np.array([one.shift.sigma for one in seen.edges])
+        sigma = np.sqrt(np.array([one.sigma for one in seen.edges]) ** 2 + own**2 - shared**2)
+        offsets = np.einsum("ni,nij->nj", outward, self._image_motion(middles))
+        side = np.array([one.shift.both_seen for one in seen.edges], dtype=int)
+        offsets[np.arange(len(side)), _MOTION + _MOUNTING + side] = shared
+        self._rows = [offsets / sigma[:, None]]
         self._values = [np.array([one.fit.offset for one in seen.edges]) / sigma]
         self._robust = [np.ones(len(seen.edges), dtype=bool)]
-        held = np.eye(_UNKNOWNS)[4:] / np.maximum(mounting.sigma, _TINY)[:, None]
-        self._add(held, np.zeros(6), False)
+        held = np.concatenate([np.maximum(mounting.sigma, _TINY), np.ones(_SHARED)])
+        self._add(np.eye(_UNKNOWNS)[_MOTION:] / held[:, None], np.zeros(len(held)), False)
 
     def _image_motion(self, points: FloatArray) -> FloatArray:
-        """Return what each unknown does to the images of face points on the plane, (n, 2, 10)."""
+        """Return what each unknown does to the images of face points on the plane, (n, 2, unknowns)."""
         apparent = self._mounting.apparent_motion(self._origin + points @ self._axes[:, :2].T)
         moved = np.zeros((len(points), 3, _UNKNOWNS))
         moved[:, 0, 0] = moved[:, 1, 1] = 1.0
         moved[:, 2, 2], moved[:, 2, 3] = -1.0, -points[:, 0]
-        moved[:, :, 4:] = self._axes.T @ apparent
+        moved[:, :, _MOTION : _MOTION + _MOUNTING] = self._axes.T @ apparent
         # what comes nearer to the camera moves away from its foot point on the plane
         camera = self.seen.plane_from_camera
         ray = (points - camera[:2]) / camera[2]
         return np.asarray(moved[:, :2] + ray[:, :, None] * moved[:, 2:3])
 
     def _slopes(self, ups: FloatArray) -> FloatArray:
-        """Return what each unknown does to the slopes of level lines, (n, 10)."""
+        """Return what each unknown does to the slopes of level lines, (n, unknowns)."""
         ends = [self._image_motion(np.stack([np.full_like(ups, right), ups], axis=1)) for right in (-0.5, 0.5)]
         return np.asarray(ends[1][:, 1] - ends[0][:, 1])
 
@@ -143,5 +151,5 @@ class FaceSystem:
                 break
         used = robust & (weights > USED_WEIGHT)
         chi2 = float((weights * residual**2)[used].sum() / max(float(weights[used].sum()), 1.0))
-        covariance = np.linalg.inv(normal)[:4, :4] * max(chi2, 1.0)
-        return FaceSolution(solution[:4], covariance, weights[: len(self.seen.edges)], chi2)
+        covariance = np.linalg.inv(normal)[:_MOTION, :_MOTION] * max(chi2, 1.0)
+        return FaceSolution(solution[:_MOTION], covariance, weights[: len(self.seen.edges)], chi2)

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from palletloc.edge_fit import EdgeFit, EdgePeaks, edge_peaks, fit_edges, join_peaks
-from palletloc.face import EdgeKind, FaceEdge, FaceLine, edge_shift, face_lines
+from palletloc.face import EdgeKind, EdgeShift, FaceEdge, FaceLine, edge_shift, face_lines
 from palletloc.geometry import FloatArray, Image, LevelPose
 from palletloc.matching import Energy, gradient_across
 from palletloc.measurement import Reason
@@ -27,8 +27,10 @@ END_PIXELS = 1.0
 """How many pixels of the camera's image at each end of an edge are left out."""
 SMOOTHING_PIXELS = (0.6, 1.0)
 """Smoothing before the gradient across and along an edge, in pixels of the camera's image."""
-PIXEL_ERROR = 0.06
+PIXEL_ERROR = 0.05
 """What an edge's offset is uncertain by beyond its scatter, in pixels of the camera's image."""
+NEIGHBOUR_PIXELS = 1.5
+"""Over how many pixels the influence of a parallel edge falls to a third."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,9 +42,9 @@ class MeasuredEdge:
     fit: EdgeFit
     """Its offset and slope on the face, against where a camera should see it."""
     sigma: float
-    """Standard deviation of the offset with everything that is not known of the edge, in metres."""
-    expected: float
-    """Where a camera should see it: shift of a rounded edge against the drawn one, in metres."""
+    """Standard deviation of the offset from noise, resolution and tolerances, in metres."""
+    shift: EdgeShift
+    """Where a camera should see it against the drawn edge, and how sure that is."""
     pixel: float
     """Size of a pixel of the camera's image across the edge, in metres."""
 
@@ -175,13 +177,20 @@ def _measure(
         MeasuredEdge(
             edge,
             fit,
-            float(np.sqrt(fit.sigma_offset**2 + shift.sigma**2 + (PIXEL_ERROR * across) ** 2)),
-            shift.mean,
+            float(np.sqrt(fit.sigma_offset**2 + model.tolerance**2 + _blurred(edge, model, across) ** 2)),
+            shift,
             across,
         )
         for edge, fit, shift in zip(whole, fits, shifts, strict=True)
         if fit is not None
     ]
+
+
+def _blurred(edge: FaceEdge, model: PalletModel, pixel: float) -> float:
+    """Return what an offset is uncertain by beyond its scatter: edges a few pixels apart draw each other's peaks."""
+    ups = {line.whole.start[1] for line in face_lines(model) if line.whole.horizontal}
+    gaps = [abs(up - edge.start[1]) for up in ups if up != edge.start[1]] if edge.horizontal else []
+    return pixel * (PIXEL_ERROR + float(np.exp(-min(gaps, default=np.inf) / (NEIGHBOUR_PIXELS * pixel))))
 
 
 def _peaks(

@@ -33,14 +33,14 @@ def simulate(
     width: Annotated[int, typer.Option(min=64, max=16384, help="Width of an image, in pixels.")] = 1920,
     model: Annotated[
         list[str] | None,
-        typer.Option(help="Pallet model in the rack; may be repeated. [default: epal1-1200]"),
+        typer.Option(help="Pallet model in the rack; may be repeated (epal1-1200 if none)."),
     ] = None,
     side: Annotated[Side, typer.Option(help="Side of the shelf.")] = Side.LEFT,
     camera: Annotated[CameraKind, typer.Option(help="Kind of camera.")] = CameraKind.EQUIRECTANGULAR,
     light: Annotated[Illumination, typer.Option(help="Kind of light.")] = Illumination.EVEN,
     level: Annotated[
         list[float] | None,
-        typer.Option(help="Height that loads stand on, in metres; may be repeated. [default: 0 and 1.55]"),
+        typer.Option(help="Height that loads stand on, in metres; may be repeated (0 and 1.55 if none)."),
     ] = None,
     blur: Annotated[float, typer.Option(min=0, max=20, help="Blur, in pixels (one sigma).")] = 0.6,
     noise: Annotated[

@@ -9,7 +9,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.legend import Legend
 
 from palletloc.geometry import Image
 from palletloc.plane import PlaneView
@@ -24,20 +23,38 @@ WIDTH_PX, DPI = 1280, 100
 """Every figure is as wide as a page on a screen."""
 
 
-def new_figure(height_px: int) -> Figure:
+def new_figure(height_px: float) -> Figure:
     """Return an empty figure of the common width, with an Agg canvas; it belongs to no window.
 
     Parameters
     ----------
-    height_px : int
+    height_px : float
         Height in pixels.
     """
-    figure = Figure(
-        figsize=(WIDTH_PX / DPI, height_px / DPI), dpi=DPI, facecolor="white", layout="constrained"
-    )
-    figure.set_layout_engine("constrained", w_pad=0.1, h_pad=0.08, hspace=0.04)
+    figure = Figure(figsize=(WIDTH_PX / DPI, round(height_px) / DPI), dpi=DPI, facecolor="white")
     FigureCanvasAgg(figure)
     return figure
+
+
+def add_axes(figure: Figure, left: float, top: float, width: float, height: float) -> Axes:
+    """Add axes at a place that is told in pixels from the figure's upper left corner."""
+    wide, high = figure.get_size_inches() * DPI
+    axes = figure.add_axes((left / wide, 1 - (top + height) / high, width / wide, height / high))
+    axes.tick_params(labelsize=9, colors=FAINT, length=3)
+    axes.xaxis.label.set(color=INK, size=10)
+    axes.yaxis.label.set(color=INK, size=10)
+    for side in axes.spines.values():
+        side.set(color=GRID, linewidth=0.8)
+    return axes
+
+
+def add_text(figure: Figure, left: float, top: float, text: str, *, size: float = 10, bold: bool = False) -> None:
+    """Write a line whose upper left corner is told in pixels from the figure's upper left corner."""
+    wide, high = figure.get_size_inches() * DPI
+    color, weight = (INK, "bold") if bold else (FAINT, "normal")
+    figure.text(
+        left / wide, 1 - top / high, text, size=size, color=color, weight=weight, va="top", parse_math=False
+    )
 
 
 def png(figure: Figure) -> bytes:
@@ -65,7 +82,6 @@ def show_view(axes: Axes, view: PlaneView) -> None:
     axes.imshow(shown, extent=extent, interpolation="bilinear", interpolation_stage="rgba")
     axes.set_xlim(extent[:2])
     axes.set_ylim(extent[2:])
-    plain(axes)
 
 
 def rgb(image: Image) -> Image:
@@ -74,31 +90,17 @@ def rgb(image: Image) -> Image:
     return np.asarray(cv2.cvtColor(image, code), dtype=np.uint8)
 
 
-def plain(axes: Axes) -> None:
-    """Give axes the common look."""
-    axes.tick_params(labelsize=9, colors=FAINT, length=3)
-    axes.xaxis.label.set(color=INK, size=10)
-    axes.yaxis.label.set(color=INK, size=10)
-    axes.title.set(color=INK, size=11)
-    for side in axes.spines.values():
-        side.set(color=GRID, linewidth=0.8)
-
-
-def legend_below(figure: Figure, axes: Axes, columns: int = 5) -> Legend | None:
-    """Put one legend below all axes, from the labels of one of them; none where nothing has a label."""
+def legend_below(figure: Figure, axes: Axes) -> None:
+    """Put one row of keys along the figure's lower border, from the labels of the axes' content."""
     handles, labels = axes.get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))
-    if not unique:
-        return None
-    legend = figure.legend(
+    figure.legend(
         list(unique.values()),
         list(unique),
-        loc="outside lower center",
-        ncols=min(columns, len(unique)),
+        loc="lower center",
+        ncols=max(len(unique), 1),
         frameon=False,
         fontsize=9.5,
         labelcolor=INK,
+        borderaxespad=0.4,
     )
-    for handle in legend.get_patches():
-        handle.set_alpha(1.0)
-    return legend

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,15 +12,55 @@ from matplotlib.patheffects import withStroke
 
 from palletloc.candidate import Candidate
 from palletloc.detection import ShelfView
-from palletloc.drawing.canvas import MEASURED, REFUSED, WIDTH_PX, legend_below, new_figure, show_view
+from palletloc.drawing.canvas import (
+    FAINT,
+    GRID,
+    INK,
+    MEASURED,
+    REFUSED,
+    SERIES,
+    WIDTH_PX,
+    add_axes,
+    add_text,
+    legend_below,
+    new_figure,
+    show_view,
+)
 from palletloc.drawing.outline import place_outline, seen_on_plane
-from palletloc.geometry import FloatArray, LevelPose
-from palletloc.pallet import PalletModel
+from palletloc.geometry import FloatArray
+from palletloc.plane import PlaneView
 
 Named = Sequence[tuple[str, Candidate]]
 """Candidates with the short names that all pictures of a shot give them."""
+Outlined = tuple[str, Candidate, list[FloatArray]]
+"""A candidate's name, the candidate, and the lines of its face as a view shows them."""
 
 _HALO = withStroke(linewidth=2.5, foreground="#101214")
+_ABOVE, _BELOW, _BESIDE = 0.40, 0.30, 0.5  # space around the outlines, in metres
+_LEAST_WIDTH = 4.0
+_LEFT, _RIGHT, _HEAD, _CHART, _GAP, _FOOT = 62, 20, 50, 150, 34, 44  # in pixels
+
+
+@dataclass(frozen=True, slots=True)
+class _Band:
+    """One view with the candidates that lie on it."""
+
+    outlines: list[Outlined]
+    """The candidates."""
+    view: PlaneView
+    """The view."""
+    limits: tuple[float, float, float, float]
+    """Left, right, bottom and top of what is drawn, in metres."""
+
+    @property
+    def width(self) -> float:
+        """Width of what is drawn, in metres."""
+        return self.limits[1] - self.limits[0]
+
+    @property
+    def height(self) -> float:
+        """Height of what is drawn, in metres."""
+        return self.limits[3] - self.limits[2]
 
 
 def shelf_figure(views: Sequence[ShelfView], candidates: Named) -> Figure:
@@ -35,69 +76,121 @@ def shelf_figure(views: Sequence[ShelfView], candidates: Named) -> Figure:
     Returns
     -------
     Figure
-        The highest band on top.
+        The highest band on top; below each the scores of the places.
     """
-    ordered = sorted(views, key=lambda seen: -seen.view.grid.top)
-    heights = [seen.view.grid.rows / seen.view.grid.columns * (WIDTH_PX - 110) for seen in ordered]
-    figure = new_figure(round(sum(heights)) + 95 * len(ordered) + 60)
-    all_axes = figure.subplots(len(ordered), 1, squeeze=False, height_ratios=heights)[:, 0]
-    for axes, seen in zip(all_axes, ordered, strict=True):
-        _draw_band(axes, seen, candidates)
-    all_axes[-1].set_xlabel("along the shelf, from the camera to the right (m)")
+    bands = _bands(sorted(views, key=lambda seen: -seen.view.grid.top), candidates)
+    width = WIDTH_PX - _LEFT - _RIGHT
+    heights = [band.height * width / band.width for band in bands]
+    figure = new_figure(_HEAD + sum(heights) + len(bands) * (_CHART + 2 * _GAP) + _FOOT)
     found = sum(candidate.refusal is None for _, candidate in candidates)
-    figure.suptitle(
-        f"Nominal front plane of the shelf: {len(candidates)} places tried, {found} pallets found",
-        size=13,
-        weight="bold",
-    )
-    legend_below(figure, all_axes[0])
+    title = f"Nominal front plane of the shelf: {len(candidates)} places tried, {found} pallets found"
+    add_text(figure, _LEFT, 14, title, size=13, bold=True)
+    top = float(_HEAD)
+    for band, height in zip(bands, heights, strict=True):
+        view_axes = add_axes(figure, _LEFT, top, width, height)
+        score_axes = add_axes(figure, _LEFT, top + height + _GAP, width, _CHART)
+        _draw_view(view_axes, band)
+        _draw_scores(score_axes, band)
+        top += height + _CHART + 2 * _GAP
+    score_axes.set_xlabel("along the shelf, to the right of the point nearest to the camera (m)")
+    legend_below(figure, view_axes)
     return figure
 
 
-def _draw_band(axes: Axes, seen: ShelfView, candidates: Named) -> None:
-    show_view(axes, seen.view)
-    axes.set_ylabel("height (m)")
-    axes.plot([], [], color=MEASURED, linewidth=2.5, label="pallet, as measured")
-    axes.plot([], [], color=REFUSED, linewidth=1.3, linestyle="--", label="given up, as detected")
-    for refused in (True, False):  # what was found lies on top
-        for name, candidate in candidates:
-            if (candidate.refusal is not None) is refused:
-                _draw_candidate(axes, seen, name, candidate)
+def _bands(views: Sequence[ShelfView], candidates: Named) -> list[_Band]:
+    """Give each view its candidates, and all views the same stretch of the shelf."""
+    drawn: list[list[Outlined]] = [[] for _ in views]
+    for name, candidate in candidates:
+        shown = [_on_view(seen, candidate) for seen in views]
+        shares = [_share_inside(seen, lines) for seen, lines in zip(views, shown, strict=True)]
+        best = int(np.argmax(shares))
+        if shares[best] > 0:
+            drawn[best].append((name, candidate, shown[best]))
+    rights = [line[:, 0] for outlines in drawn for _, _, lines in outlines for line in lines]
+    low, high = _extremes(rights, (0.0, 0.0))
+    slack = max(_BESIDE, (_LEAST_WIDTH - (high - low)) / 2)
+    return [
+        _Band(outlines, seen.view, _limits(seen.view, outlines, low - slack, high + slack))
+        for seen, outlines in zip(views, drawn, strict=True)
+    ]
 
 
-def _draw_candidate(axes: Axes, seen: ShelfView, name: str, candidate: Candidate) -> None:
-    pose = candidate.start if candidate.refusal or candidate.pose is None else candidate.pose
-    lines = _on_view(seen, candidate.model, pose)
-    low, high = (extreme(np.concatenate(lines), axis=0) for extreme in (np.nanmin, np.nanmax))
-    middle = (low + high) / 2
-    inside = axes.viewLim.contains(float(middle[0]), float(middle[1]))
-    if not inside or not np.isfinite(middle).all():
-        return
-    found = candidate.refusal is None
-    color, width, style = (MEASURED, 2.0, "-") if found else (REFUSED, 1.0, "--")
-    for line in lines:
-        axes.plot(*line.T, color=color, linewidth=width, linestyle=style)
-    text = f"{name}  {candidate.score:.2f}" if found else name
-    place = (middle[0], high[1]) if found else (low[0], low[1])
-    axes.annotate(
-        text,
-        (float(place[0]), float(place[1])),
-        xytext=(0, 4) if found else (1, -3),
-        textcoords="offset points",
-        ha="center" if found else "left",
-        va="bottom" if found else "top",
-        size=11 if found else 8,
-        weight="bold" if found else "normal",
-        color=color,
-        path_effects=[_HALO],
-        annotation_clip=True,
+def _limits(
+    view: PlaneView, outlines: Sequence[Outlined], left: float, right: float
+) -> tuple[float, float, float, float]:
+    """Return the part of a view to draw: around the outlines, or all of its height where there are none."""
+    (first, top), (last, bottom) = view.grid.points(
+        np.array([[0.0, 0.0], [view.grid.columns - 1, view.grid.rows - 1]])
+    )
+    ups = [line[:, 1] for _, _, lines in outlines for line in lines]
+    low, high = _extremes(ups, (float(bottom), float(top)))
+    return (
+        max(left, float(first)),
+        min(right, float(last)),
+        max(low - _BELOW, float(bottom)),
+        min(high + _ABOVE, float(top)),
     )
 
 
-def _on_view(seen: ShelfView, model: PalletModel, pose: LevelPose) -> list[FloatArray]:
+def _extremes(values: Sequence[FloatArray], otherwise: tuple[float, float]) -> tuple[float, float]:
+    if not values:
+        return otherwise
+    every = np.concatenate(values)
+    return float(np.nanmin(every)), float(np.nanmax(every))
+
+
+def _on_view(seen: ShelfView, candidate: Candidate) -> list[FloatArray]:
+    """Return the lines of a candidate's face as the view shows them."""
     plane_from_forklift = seen.forklift_from_plane.inv()
     plane_from_camera = np.asarray(seen.view.camera_from_plane.inv().translation)
+    pose = candidate.start if candidate.refusal or candidate.pose is None else candidate.pose
     return [
         seen_on_plane(plane_from_forklift.apply(line), plane_from_camera)
-        for line in place_outline(model, pose)
+        for line in place_outline(candidate.model, pose)
     ]
+
+
+def _share_inside(seen: ShelfView, lines: Sequence[FloatArray]) -> float:
+    """Return how much of a face a view shows, 0 to 1."""
+    grid = seen.view.grid
+    pixels = grid.pixels(np.concatenate(lines))
+    with np.errstate(invalid="ignore"):
+        inside = (pixels > -0.5) & (pixels < np.array([grid.columns, grid.rows]) - 0.5)
+    return float(inside.all(axis=1).mean())
+
+
+def _draw_view(axes: Axes, band: _Band) -> None:
+    show_view(axes, band.view)
+    left, right, bottom, top = band.limits
+    axes.set(xlim=(left, right), ylim=(bottom, top), ylabel="height (m)")
+    axes.plot([], [], color=MEASURED, linewidth=2.5, label="pallet, as measured")
+    axes.plot([], [], color=REFUSED, linewidth=1.3, linestyle="--", label="given up, as detected")
+    for name, candidate, lines in sorted(band.outlines, key=lambda one: one[1].refusal is None):
+        found = candidate.refusal is None
+        color, width, style = (MEASURED, 2.0, "-") if found else (REFUSED, 0.9, "--")
+        for line in lines:
+            axes.plot(*line.T, color=color, linewidth=width, linestyle=style, clip_on=True)
+        if found:
+            points = np.concatenate(lines)
+            place = (float(np.nanmean(points[:, 0])), float(np.nanmax(points[:, 1])))
+            text = axes.annotate(name, place, xytext=(0, 4), textcoords="offset points", ha="center")
+            text.set(size=12, weight="bold", color=color, path_effects=[_HALO], clip_on=True)
+
+
+def _draw_scores(axes: Axes, band: _Band) -> None:
+    """Draw the score of each place over its middle."""
+    axes.grid(color=GRID, linewidth=0.6)
+    axes.set_axisbelow(True)
+    scores = [candidate.score for _, candidate, _ in band.outlines] or [0.0, 1.0]
+    low, high = min(scores) - 0.06, max(scores) + 0.08
+    axes.set(xlim=band.limits[:2], ylim=(low, high), ylabel="score of detection")
+    points = [
+        (float(np.nanmean(np.concatenate(lines)[:, 0])), candidate.score, name, candidate.refusal is None)
+        for name, candidate, lines in band.outlines
+    ]
+    for i, (place, score, name, found) in enumerate(sorted(points)):
+        axes.plot(place, score, "o" if found else "x", color=SERIES[2] if found else REFUSED, markersize=6)
+        # neighbours have their names on different sides
+        side, offset = ("left", (5, 3)) if found or i % 2 else ("right", (-5, -9))
+        label = axes.annotate(name, (place, score), xytext=offset, textcoords="offset points", ha=side)
+        label.set(size=10 if found else 8, weight="bold" if found else "normal", color=INK if found else FAINT)

@@ -21,6 +21,8 @@ CUTS = 64
 """Most cuts across an edge."""
 NOISE_FLOOR_PX = 0.05
 """Least scatter of peaks that is believed, in pixels of the camera's image."""
+MAX_SCATTER = 0.45
+"""Largest robust scatter of a line's peaks, in parts of the reach: even noise has 0.74."""
 MIN_INDEPENDENT = 3.0
 """Fewest independent peaks that make a line."""
 
@@ -134,7 +136,11 @@ def join_peaks(peaks: EdgePeaks, middles: FloatArray, groups: Sequence[Sequence[
 
 
 def fit_edges(
-    peaks: EdgePeaks, pixel_across: FloatArray, pixel_along: FloatArray, slope_sigma: FloatArray | None = None
+    peaks: EdgePeaks,
+    pixel_across: FloatArray,
+    pixel_along: FloatArray,
+    reach: float,
+    slope_sigma: FloatArray | None = None,
 ) -> list[EdgeFit | None]:
     """Fit a robust line (Tukey's biweight) through the peaks of each edge.
 
@@ -147,13 +153,15 @@ def fit_edges(
         From `edge_peaks`.
     pixel_across, pixel_along : (edges,) arrays
         Size of a pixel of the camera's image across and along each edge, in metres.
+    reach : float
+        How far peaks were looked for, in metres: where they fill it evenly there is noise and no line.
     slope_sigma : (edges,) array or None
         How far each slope may be from zero (one standard deviation); keeps short edges from tilting.
 
     Returns
     -------
     list of EdgeFit or None
-        None for an edge of which fewer than three independent peaks agree.
+        None for an edge of which fewer than three independent peaks agree, or whose peaks are noise.
     """
     limit = np.full(len(pixel_across), 1e3) if slope_sigma is None else np.minimum(slope_sigma, 1e3)
     seen = peaks.strength > 0
@@ -178,7 +186,7 @@ def fit_edges(
             np.sqrt(slope_variance),
             coverage,
             strength,
-            (independent >= MIN_INDEPENDENT) & (inlier.sum(axis=1) >= 4),
+            (independent >= MIN_INDEPENDENT) & (inlier.sum(axis=1) >= 4) & (scale < MAX_SCATTER * reach),
             strict=True,
         )
     ]

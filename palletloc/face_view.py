@@ -29,6 +29,8 @@ SMOOTHING_PIXELS = (0.6, 1.0)
 """Smoothing before the gradient across and along an edge, in pixels of the camera's image."""
 PIXEL_ERROR = 0.05
 """What an edge's offset is uncertain by beyond its scatter, in pixels of the camera's image."""
+NEIGHBOUR_ERROR = 2.0
+"""How far a parallel edge in the same place would draw a peak, in pixels of the camera's image."""
 NEIGHBOUR_PIXELS = 1.5
 """Over how many pixels the influence of a parallel edge falls to a third."""
 
@@ -172,7 +174,7 @@ def _measure(
     # an upright edge stays upright: only level ones may tilt, by the yaw
     tilt = None if whole[0].horizontal else np.array([0.5 * across / edge.length for edge in whole])
     peaks = _peaks(seen, lines, np.array([shift.mean for shift in shifts]), pixel, reach)
-    fits = fit_edges(peaks, np.full(len(lines), across), np.full(len(lines), along), tilt)
+    fits = fit_edges(peaks, np.full(len(lines), across), np.full(len(lines), along), reach, tilt)
     return [
         MeasuredEdge(
             edge,
@@ -190,7 +192,7 @@ def _blurred(edge: FaceEdge, model: PalletModel, pixel: float) -> float:
     """Return what an offset is uncertain by beyond its scatter: edges a few pixels apart draw each other's peaks."""
     ups = {line.whole.start[1] for line in face_lines(model) if line.whole.horizontal}
     gaps = [abs(up - edge.start[1]) for up in ups if up != edge.start[1]] if edge.horizontal else []
-    return pixel * (PIXEL_ERROR + float(np.exp(-min(gaps, default=np.inf) / (NEIGHBOUR_PIXELS * pixel))))
+    return pixel * (PIXEL_ERROR + NEIGHBOUR_ERROR * float(np.exp(-min(gaps, default=np.inf) / (NEIGHBOUR_PIXELS * pixel))))
 
 
 def _peaks(

@@ -269,9 +269,9 @@ def measure_line(
     slope = float(np.tan(line.turn))
     gradient, across, along = _gradient(projector, seen, line.up)
     start, end = np.array([[-half, line.up - half * slope]]), np.array([[half, line.up + half * slope]])
-    reach = np.array([max(2 * across, 3 * config.resolution)])
-    peaks = edge_peaks(gradient, seen.view.grid, start, end, UPWARD, reach)
-    fit = fit_edges(peaks, np.array([across]), np.array([along]))[0]
+    reach = max(2 * across, 3 * config.resolution)
+    peaks = edge_peaks(gradient, seen.view.grid, start, end, UPWARD, np.array([reach]))
+    fit = fit_edges(peaks, np.array([across]), np.array([along]), reach)[0]
     return None if fit is None else replace(fit, slope=fit.slope + slope)
 
 
@@ -308,12 +308,12 @@ def measure_yaw(
         return Reason.NO_LINE
     lever = abs(float(seen.plane_from_camera[1] / seen.plane_from_camera[2]))
     ends = np.array([stretch for voter in voters for stretch in voter.stretches])
-    reach = np.full(len(ends), max(config.reach * lever, 2 * config.resolution))
-    single = edge_peaks(gradient, seen.view.grid, ends[:, 0], ends[:, 1], UPWARD, reach)
+    reach = max(config.reach * lever, 2 * config.resolution)
+    single = edge_peaks(gradient, seen.view.grid, ends[:, 0], ends[:, 1], UPWARD, np.full(len(ends), reach))
     count = np.cumsum([0, *(len(voter.stretches) for voter in voters)])
     groups = [range(first, last) for first, last in pairwise(count)]
     across, along = (np.array(sizes) for sizes in zip(*(voter.pixel for voter in voters), strict=True))
-    fits = fit_edges(join_peaks(single, ends[:, :, 0].mean(axis=1), groups), across, along)
+    fits = fit_edges(join_peaks(single, ends[:, :, 0].mean(axis=1), groups), across, along, reach)
     votes = []
     for voter, fit in zip(voters, fits, strict=True):
         if fit is None or fit.coverage < config.min_coverage:

@@ -48,7 +48,9 @@ def add_axes(figure: Figure, left: float, top: float, width: float, height: floa
     return axes
 
 
-def add_text(figure: Figure, left: float, top: float, text: str, *, size: float = 10, bold: bool = False) -> None:
+def add_text(
+    figure: Figure, left: float, top: float, text: str, *, size: float = 10, bold: bool = False
+) -> None:
     """Write a line whose upper left corner is told in pixels from the figure's upper left corner."""
     wide, high = figure.get_size_inches() * DPI
     color, weight = (INK, "bold") if bold else (FAINT, "normal")
@@ -90,10 +92,10 @@ def rgb(image: Image) -> Image:
     return np.asarray(cv2.cvtColor(image, code), dtype=np.uint8)
 
 
-def legend_below(figure: Figure, axes: Axes) -> None:
-    """Put one row of keys along the figure's lower border, from the labels of the axes' content."""
-    handles, labels = axes.get_legend_handles_labels()
-    unique = dict(zip(labels, handles, strict=True))
+def legend_below(figure: Figure, *axes: Axes) -> None:
+    """Put one row of keys along the figure's lower border, one for each label in any of the axes."""
+    keys = [one.get_legend_handles_labels() for one in axes]
+    unique = {label: handle for key in keys for handle, label in zip(*key, strict=True)}
     figure.legend(
         list(unique.values()),
         list(unique),

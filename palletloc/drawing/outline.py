@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
@@ -29,8 +31,8 @@ def face_outline(model: PalletModel, step: float = 0.01) -> list[FloatArray]:
     Returns
     -------
     list of (n, 2) arrays
-        Right and up in metres, from the middle of the lower edge. The outline, closed unless an opening breaks
-        its lower edge, and each opening.
+        Right and up in metres, from the middle of the lower edge. The outline, which goes around openings at
+        the floor, and each other opening; all are closed.
     """
     half = model.width / 2
     feet = [opening for opening in model.openings if opening.open_below]
@@ -60,8 +62,8 @@ def _rounded(corners: list[tuple[float, float]], radii: list[float], step: float
             points.append(vertex)
             continue
         center = vertex + radius * (back + on)
-        for angle in np.linspace(0, np.pi / 2, _ARC_POINTS):
-            points.append(center - radius * (np.cos(angle) * on + np.sin(angle) * back))
+        angles = np.linspace(0, np.pi / 2, _ARC_POINTS)[:, None]
+        points += list(center - radius * (np.cos(angles) * on + np.sin(angles) * back))
     return sampled(np.array([*points, points[0]]), step)
 
 
@@ -76,7 +78,7 @@ def sampled(line: FloatArray, step: float) -> FloatArray:
         In the line's unit.
     """
     pieces = [line[:1]]
-    for start, end in zip(line[:-1], line[1:], strict=True):
+    for start, end in pairwise(line):
         count = max(1, int(np.ceil(np.linalg.norm(end - start) / step - 1e-9)))
         pieces.append(start + np.linspace(0, 1, count + 1)[1:, None] * (end - start))
     return np.concatenate(pieces)
@@ -145,8 +147,8 @@ def project_line(
     Returns
     -------
     list of (m, 2) arrays
-        Columns and rows. Where the image closes around, a piece that leaves it at one side is there twice, once
-        for each side.
+        Columns and rows. Where the image closes around, a piece that leaves it at one side is there twice,
+        once for each side.
     """
     pixels, valid = camera.project(camera_from_target.apply(line))
     if camera.period_px is None:

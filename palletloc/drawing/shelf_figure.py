@@ -193,4 +193,5 @@ def _draw_scores(axes: Axes, band: _Band) -> None:
         # neighbours have their names on different sides
         side, offset = ("left", (5, 3)) if found or i % 2 else ("right", (-5, -9))
         label = axes.annotate(name, (place, score), xytext=offset, textcoords="offset points", ha=side)
-        label.set(size=10 if found else 8, weight="bold" if found else "normal", color=INK if found else FAINT)
+        size, weight, color = (10, "bold", INK) if found else (8, "normal", FAINT)
+        label.set(size=size, weight=weight, color=color)

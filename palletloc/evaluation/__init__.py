@@ -1,0 +1,1 @@
+"""Measured poses against the truth: pairing, errors, and their summary."""

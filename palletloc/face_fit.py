@@ -11,9 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palletloc.face import face_lines
 from palletloc.face_system import USED_WEIGHT, FaceSolution, FaceSystem
-from palletloc.face_view import FaceView, measure_edges, view_face
+from palletloc.face_view import FaceView, measure_edges, view_face, visible_lines
 from palletloc.geometry import FloatArray, Image, LevelPose, wrap_angle
 from palletloc.measurement import HeightPrior, Reason
 from palletloc.mounting import Mounting
@@ -162,10 +161,10 @@ def _estimate(seen: FaceView, pose: LevelPose, model: PalletModel, solution: Fac
 
 
 def _coverage(seen: FaceView, model: PalletModel, solution: FaceSolution) -> float:
-    total = sum(line.whole.length for line in face_lines(model))
+    lines = [line.whole for line in visible_lines(model, seen.plane_from_camera) if not seen.loaded(line.whole)]
     covered = sum(
         one.edge.length * one.fit.coverage
         for one, weight in zip(seen.edges, solution.weights, strict=True)
-        if weight > USED_WEIGHT
+        if weight > USED_WEIGHT and not seen.loaded(one.edge)
     )
-    return float(covered / total)
+    return float(covered / sum(line.length for line in lines))

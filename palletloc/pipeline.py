@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +22,10 @@ GLANCE_RESOLUTION = 0.006
 """Metres per pixel of the view that tells most places from a pallet at a glance."""
 FIRST_CONTRAST = 0.6
 """Contrast of openings and blocks below which a detection's place shows no pallet, in spreads of the blocks."""
+FACE_ATTEMPTS = 3
+"""How many peaks of the sweep are tried where only the face gives the yaw."""
+RIVAL_MARGIN = 0.05
+"""How much less a rival may agree with the image to be taken seriously."""
 SWEPT_CONTRAST = 1.2
 """The same where a sweep has found the place to a centimetre or two."""
 
@@ -54,20 +59,56 @@ def measure_on_planes(shot: ShotView, candidate: Candidate, config: LocalizerCon
     if isinstance(swept, Reason):
         return candidate.refuse(Stage.POSITION, swept)
     candidate.sweep = swept
-    for peak in swept.peaks:
-        if candidate.pose is not None and _near(peak, candidate.pose):
+    attempts = _attempts(shot, candidate, source, swept.peaks, config)
+    if not attempts:
+        return candidate.refuse(Stage.VERIFICATION, Reason.LOW_CONTRAST)
+    best = max(attempts, key=_standing)
+    if source is YawSource.FACE:
+        _widen(best, attempts)
+    for name in ("horizontal", "yaw", "yaw_from", "face", "pose", "covariance", "verification", "refusal"):
+        setattr(candidate, name, getattr(best, name))
+    return None
+
+
+def _attempts(
+    shot: ShotView,
+    candidate: Candidate,
+    source: YawSource,
+    peaks: Sequence[LevelPose],
+    config: LocalizerConfig,
+) -> list[Candidate]:
+    """Fit the face from one peak of the sweep after the other, until one leaves no doubt.
+
+    Where only the face gives the yaw, the first good fit may have a rival at another yaw: three are tried.
+    """
+    attempts: list[Candidate] = []
+    for peak in peaks:
+        if any(one.pose is not None and _near(peak, one.pose) for one in attempts):
             continue  # it would lead to the same pose
         if not looks_like_pallet(shot, candidate, peak, SWEPT_CONTRAST):
             continue
-        attempt = replace(candidate, refusal=None, face=None, pose=None, verification=None)
+        attempt = replace(candidate)
         _fit(shot, attempt, _voted_yaw(shot, attempt, source, peak, config), config)
-        if candidate.face is None or _better(attempt, candidate):
-            _adopt(candidate, attempt)
-        if candidate.face is not None and candidate.face.doubt < config.face_fit.max_doubt:
+        attempts.append(attempt)
+        certain = attempt.face is not None and attempt.face.doubt < config.face_fit.max_doubt
+        if certain and (source is not YawSource.FACE or len(attempts) == FACE_ATTEMPTS):
             break
-    if candidate.face is None and candidate.refusal is None:
-        candidate.refuse(Stage.VERIFICATION, Reason.LOW_CONTRAST)
-    return None
+    return attempts
+
+
+def _standing(attempt: Candidate) -> float:
+    """Return how well an attempt explains the image."""
+    return attempt.verification.score if attempt.verification else -1.0
+
+
+def _widen(best: Candidate, attempts: Sequence[Candidate]) -> None:
+    """Widen the covariance by the distance of rivals that explain the image nearly as well."""
+    if best.pose is None or best.covariance is None:
+        return
+    rivals = [one.pose for one in attempts if one.pose and _standing(one) > _standing(best) - RIVAL_MARGIN]
+    apart = np.array([rival.as_array() - best.pose.as_array() for rival in rivals])
+    apart[:, 3] = wrap_angle(apart[:, 3])
+    best.covariance = best.covariance + apart.T @ apart / len(apart)
 
 
 def looks_like_pallet(shot: ShotView, candidate: Candidate, pose: LevelPose, contrast: float) -> bool:
@@ -95,18 +136,6 @@ def looks_like_pallet(shot: ShotView, candidate: Candidate, pose: LevelPose, con
 def _near(one: LevelPose, other: LevelPose) -> bool:
     apart = np.linalg.norm(one.as_array()[:3] - other.as_array()[:3])
     return bool(apart < 0.04 and abs(wrap_angle(one.yaw - other.yaw)) < np.radians(2.0))
-
-
-def _better(one: Candidate, other: Candidate) -> bool:
-    """Tell which of two attempts at the same pallet explains the image better."""
-    return (one.verification.score if one.verification else -1.0) > (
-        other.verification.score if other.verification else -1.0
-    )
-
-
-def _adopt(candidate: Candidate, attempt: Candidate) -> None:
-    for name in ("horizontal", "yaw", "yaw_from", "face", "pose", "covariance", "verification", "refusal"):
-        setattr(candidate, name, getattr(attempt, name))
 
 
 def horizontal_plane_for(shot: ShotView, candidate: Candidate, config: LocalizerConfig) -> YawSource | Reason:

@@ -21,6 +21,8 @@ SERIES = ("#0b6bcb", "#c2410c", "#15803d", "#7e22ce", "#a16207", "#0e7490")
 """On paper: one colour after another."""
 WIDTH_PX, DPI = 1280, 100
 """Every figure is as wide as a page on a screen."""
+LEGEND_ROW_PX = 22
+"""Height of one row of keys."""
 
 
 def new_figure(height_px: float) -> Figure:
@@ -92,17 +94,35 @@ def rgb(image: Image) -> Image:
     return np.asarray(cv2.cvtColor(image, code), dtype=np.uint8)
 
 
-def legend_below(figure: Figure, *axes: Axes) -> None:
-    """Put one row of keys along the figure's lower border, one for each label in any of the axes."""
+def add_legend(figure: Figure, top: float, *axes: Axes, columns: int = 5) -> None:
+    """Put keys in the middle of the page, one for each label in any of the axes.
+
+    Parameters
+    ----------
+    figure : Figure
+        The page.
+    top : float
+        Where the first row begins, in pixels from the upper border; a row takes `LEGEND_ROW_PX`.
+    axes : Axes
+        Whose labels to list.
+    columns : int
+        Most keys side by side.
+    """
     keys = [one.get_legend_handles_labels() for one in axes]
     unique = {label: handle for key in keys for handle, label in zip(*key, strict=True)}
-    figure.legend(
+    if not unique:
+        return
+    legend = figure.legend(
         list(unique.values()),
         list(unique),
-        loc="lower center",
-        ncols=max(len(unique), 1),
+        loc="upper center",
+        bbox_to_anchor=(0.5, 1 - top / (figure.get_size_inches()[1] * DPI)),
+        ncols=min(columns, len(unique)),
         frameon=False,
         fontsize=9.5,
         labelcolor=INK,
-        borderaxespad=0.4,
+        borderaxespad=0.0,
+        borderpad=0.2,
     )
+    for text in legend.get_texts():
+        text.set_parse_math(False)

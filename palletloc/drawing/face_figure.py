@@ -14,12 +14,12 @@ from palletloc.drawing.canvas import (
     STARTED,
     WIDTH_PX,
     add_axes,
+    add_legend,
     add_text,
-    legend_below,
     new_figure,
     show_view,
 )
-from palletloc.drawing.outline import face_outline
+from palletloc.drawing.outline import face_outline, stretches_of
 from palletloc.face_system import USED_WEIGHT
 from palletloc.face_view import MeasuredEdge, view_face
 from palletloc.geometry import FloatArray, LevelPose
@@ -29,7 +29,7 @@ from palletloc.plane import PlaneView
 
 _RESOLUTION = 0.002  # metres per pixel
 _HALO = withStroke(linewidth=3.0, foreground="#101214")
-_LEFT, _RIGHT, _HEAD, _TITLE, _AXIS, _FOOT = 66, 20, 46, 26, 34, 62  # in pixels
+_LEFT, _RIGHT, _HEAD, _TITLE, _AXIS, _FOOT = 84, 20, 46, 26, 34, 48  # in pixels
 
 
 def face_figure(name: str, candidate: Candidate, shot: ShotView) -> Figure:
@@ -66,7 +66,7 @@ def face_figure(name: str, candidate: Candidate, shot: ShotView) -> Figure:
         add_text(figure, _LEFT, top + 6, f"{where.capitalize()}{result}", size=10.5)
         top += _TITLE + height + _AXIS
     axes.set_xlabel("to the right of the face's middle (m)")
-    legend_below(figure, *figure.axes)
+    add_legend(figure, top + 16, *figure.axes)
     return figure
 
 
@@ -94,21 +94,31 @@ def _draw_edges(axes: Axes, candidate: Candidate) -> str:
         return ""
     used = candidate.face.weights > USED_WEIGHT
     for one, good in zip(candidate.face.seen.edges, used, strict=True):
-        axes.plot(
-            *edge_line(one).T,
-            color="white" if good else REFUSED,
-            linewidth=1.4,
-            linestyle=(0, (3, 2)),
-            label="measured edge, used" if good else "measured edge, not used",
-        )
-    seen = candidate.face.seen
-    return f": {int(used.sum())} of {len(seen.edges)} measured edges agree"
+        for ends in edge_stretches(one, candidate.model):
+            axes.plot(
+                *ends.T,
+                color="white" if good else REFUSED,
+                linewidth=1.2,
+                linestyle=(0, (3, 2)),
+                path_effects=[_HALO],
+                label="measured edge" if good else "measured edge, not used",
+            )
+    agree = f"{int(used.sum())} of {len(used)} measured edges agree"
+    return f": {agree}; a camera sees rounded edges beside the drawn ones"
 
 
-def edge_line(measured: MeasuredEdge) -> FloatArray:
-    """Return the ends of an edge where it was measured on the face, (2, 2), in metres."""
-    ends = np.array([measured.edge.start, measured.edge.end])
+def edge_stretches(measured: MeasuredEdge, model: PalletModel) -> FloatArray:
+    """Return where a line of the face was measured, (n, 2, 2): ends of its stretches, in metres.
+
+    Parameters
+    ----------
+    measured : MeasuredEdge
+        The line.
+    model : PalletModel
+        The pallet.
+    """
+    ends = stretches_of(model, measured.edge)
     outward = np.array(measured.edge.outward)
-    along = np.linalg.norm(ends - ends.mean(axis=0), axis=1) * np.array([-1.0, 1.0])
-    offset = measured.shift.mean + measured.fit.offset + measured.fit.slope * along
-    return ends + offset[:, None] * outward
+    along = (ends - np.array(measured.edge.middle)) @ np.abs(outward[::-1])
+    across = measured.shift.mean + measured.fit.offset + measured.fit.slope * along
+    return np.asarray(ends + across[..., None] * outward)

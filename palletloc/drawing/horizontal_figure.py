@@ -12,17 +12,18 @@ from matplotlib.patheffects import withStroke
 from palletloc.boundary import BoundaryLine
 from palletloc.candidate import Candidate
 from palletloc.drawing.canvas import (
+    LEGEND_ROW_PX,
     MEASURED,
     REFUSED,
     STARTED,
     WIDTH_PX,
     add_axes,
+    add_legend,
     add_text,
-    legend_below,
     new_figure,
     show_view,
 )
-from palletloc.drawing.outline import seen_on_plane
+from palletloc.drawing.outline import seen_on_plane, stretches_of
 from palletloc.face import EdgeKind, edge_shift
 from palletloc.geometry import FloatArray
 from palletloc.measurement import YawSource
@@ -47,7 +48,7 @@ _EDGE_COLORS = {
 }
 _PLANES = {YawSource.BOTTOM: "lower", YawSource.TOP: "upper"}
 _HALO = withStroke(linewidth=3.0, foreground="#101214")
-_LEFT, _RIGHT, _HEAD, _TITLE, _FOOT, _AXIS = 66, 20, 46, 26, 62, 34  # in pixels
+_LEFT, _RIGHT, _HEAD, _TITLE, _AXIS, _KEYS = 84, 20, 46, 26, 46, 2 * LEGEND_ROW_PX + 4  # in pixels
 _HIGHEST = 420
 
 
@@ -79,22 +80,19 @@ def horizontal_figure(name: str, candidate: Candidate) -> Figure:
     only_lines = candidate.yaw is None
     views = [last] if only_lines else [first, last]
     sizes = [_size(seen) for seen in views]
-    figure = new_figure(_HEAD + sum(height + _TITLE + _AXIS for _, height in sizes) + _FOOT)
+    figure = new_figure(_HEAD + sum(height + _TITLE + _AXIS + _KEYS for _, height in sizes))
     title = f"{name}: horizontal plane through the {_PLANES[first.source]} edge of the face, seen from above"
     add_text(figure, _LEFT, 14, title, size=13, bold=True)
     top = float(_HEAD)
     for i, (seen, (width, height)) in enumerate(zip(views, sizes, strict=True)):
         axes = add_axes(figure, _LEFT, top + _TITLE, width, height)
         show_view(axes, seen.view)
-        if only_lines or i == 0:
-            text = _draw_found(axes, candidate.lines)
-        else:
-            text = _draw_votes(axes, seen, candidate)
+        is_found = only_lines or i == 0
+        text = _draw_found(axes, candidate.lines) if is_found else _draw_votes(axes, seen, candidate)
         add_text(figure, _LEFT, top + 6, text, size=10.5)
-        axes.set_ylabel("into the shelf (m)")
-        top += _TITLE + height + _AXIS
-    axes.set_xlabel("to the right of the face's middle (m)")
-    legend_below(figure, *figure.axes)
+        axes.set(ylabel="into the shelf (m)", xlabel="to the right of the face's middle (m)")
+        add_legend(figure, top + _TITLE + height + _AXIS, axes, columns=4)
+        top += _TITLE + height + _AXIS + _KEYS
     return figure
 
 
@@ -107,7 +105,9 @@ def _size(seen: HorizontalView) -> tuple[float, float]:
 
 def _draw_found(axes: Axes, lines: Sequence[BoundaryLine]) -> str:
     """Draw what the Hough transform found, and return what that means."""
-    axes.axhline(0.0, color="white", linewidth=1.0, linestyle=(0, (6, 5)), label="expected edge")
+    axes.axhline(
+        0.0, color="white", linewidth=1.0, linestyle=(0, (6, 5)), path_effects=[_HALO], label="expected edge"
+    )
     chosen = nearest_line(list(lines))
     ends = np.array(axes.get_xlim())
     for line in lines:
@@ -118,7 +118,7 @@ def _draw_found(axes: Axes, lines: Sequence[BoundaryLine]) -> str:
             color=STARTED,
             linewidth=2.2 if best else 1.0,
             linestyle="-" if best else ":",
-            path_effects=[_HALO] if best else [],
+            path_effects=[_HALO],
             label="line nearest to it" if best else "other lines of the Hough transform",
         )
     if chosen is None:
@@ -136,22 +136,23 @@ def _draw_votes(axes: Axes, seen: HorizontalView, candidate: Candidate) -> str:
     for vote in candidate.yaw.votes:
         color = _EDGE_COLORS.get(vote.edge.kind, MEASURED) if vote.used else REFUSED
         state = "" if vote.used else ", not used"
-        axes.plot(
-            *vote_line(seen, vote, candidate.model).T,
-            color=color,
-            linewidth=2.2 if vote.used else 1.6,
-            linestyle="-" if vote.used else "--",
-            path_effects=[_HALO] if vote.used else [],
-            label=f"{EDGE_NAMES[vote.edge.kind]}: {_degrees(vote.turn, vote.sigma, sign='+')}{state}",
-        )
+        for ends in vote_stretches(seen, vote, candidate.model):
+            axes.plot(
+                *ends.T,
+                color=color,
+                linewidth=2.2 if vote.used else 1.6,
+                linestyle="-" if vote.used else "--",
+                path_effects=[_HALO],
+                label=f"{EDGE_NAMES[vote.edge.kind]} {_degrees(vote.turn, vote.sigma, sign='+')}{state}",
+            )
     return (
         f"After the correction: yaw {_degrees(candidate.yaw.yaw, candidate.yaw.sigma)};"
-        " what the lines along the level edges still turn is in the key"
+        " below: what each line along the level edges still turns"
     )
 
 
-def vote_line(seen: HorizontalView, vote: YawVote, model: PalletModel) -> FloatArray:
-    """Return the ends of a voter's line on its view, (2, 2), in metres.
+def vote_stretches(seen: HorizontalView, vote: YawVote, model: PalletModel) -> FloatArray:
+    """Return where a line of the face was measured on a horizontal view, (n, 2, 2): ends of its stretches.
 
     Parameters
     ----------
@@ -160,15 +161,16 @@ def vote_line(seen: HorizontalView, vote: YawVote, model: PalletModel) -> FloatA
     vote : YawVote
         The line.
     model : PalletModel
-        Of the candidate.
+        The pallet.
     """
     camera = seen.plane_from_camera
     face_from_camera = np.array([camera[0], camera[2] + seen.height, -camera[1]])
-    shift = edge_shift(vote.edge, face_from_camera, model).mean * np.array(vote.edge.outward)
-    right, up = (np.array([vote.edge.start, vote.edge.end]) + shift).T
-    ends = seen_on_plane(np.column_stack([right, np.zeros(2), up - seen.height]), camera)
-    along = ends[:, 0] - ends[:, 0].mean()
-    return ends + np.column_stack([np.zeros(2), vote.fit.offset + vote.fit.slope * along])
+    shift = edge_shift(vote.edge, face_from_camera, model).mean
+    drawn = stretches_of(model, vote.edge) + shift * np.array(vote.edge.outward)
+    on_face = np.stack([drawn[..., 0], np.zeros_like(drawn[..., 0]), drawn[..., 1] - seen.height], axis=-1)
+    ends = seen_on_plane(on_face, camera)
+    ends[..., 1] += vote.fit.offset + vote.fit.slope * ends[..., 0]
+    return ends
 
 
 def _degrees(angle: float, sigma: float, sign: str = "") -> str:

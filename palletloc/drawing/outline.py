@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from palletloc.cameras.protocol import CameraModel
+from palletloc.face import FaceEdge, face_lines
 from palletloc.geometry import BoolArray, FloatArray, LevelPose
 from palletloc.pallet import PalletModel
 from palletloc.plane import PALLET_FROM_VERTICAL
@@ -82,6 +83,21 @@ def sampled(line: FloatArray, step: float) -> FloatArray:
         count = max(1, int(np.ceil(np.linalg.norm(end - start) / step - 1e-9)))
         pieces.append(start + np.linspace(0, 1, count + 1)[1:, None] * (end - start))
     return np.concatenate(pieces)
+
+
+def stretches_of(model: PalletModel, edge: FaceEdge) -> FloatArray:
+    """Return the stretches of a line of the face, (n, 2, 2): ends of each, right and up, in metres.
+
+    Parameters
+    ----------
+    model : PalletModel
+        The pallet.
+    edge : FaceEdge
+        The whole line.
+    """
+    lines = (line for line in face_lines(model) if line.whole == edge)
+    stretches = [stretch for line in lines for stretch in line.edges] or [edge]
+    return np.array([[stretch.start, stretch.end] for stretch in stretches])
 
 
 def place_outline(model: PalletModel, pose: LevelPose, step: float = 0.01) -> list[FloatArray]:

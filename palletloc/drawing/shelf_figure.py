@@ -21,8 +21,8 @@ from palletloc.drawing.canvas import (
     SERIES,
     WIDTH_PX,
     add_axes,
+    add_legend,
     add_text,
-    legend_below,
     new_figure,
     show_view,
 )
@@ -93,7 +93,7 @@ def shelf_figure(views: Sequence[ShelfView], candidates: Named) -> Figure:
         _draw_scores(score_axes, band)
         top += height + _CHART + 2 * _GAP
     score_axes.set_xlabel("along the shelf, to the right of the point nearest to the camera (m)")
-    legend_below(figure, view_axes)
+    add_legend(figure, top + 12, view_axes)
     return figure
 
 

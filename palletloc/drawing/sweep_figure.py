@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from palletloc.candidate import Candidate
-from palletloc.drawing.canvas import GRID, SERIES, WIDTH_PX, add_axes, add_text, legend_below, new_figure
+from palletloc.drawing.canvas import GRID, SERIES, WIDTH_PX, add_axes, add_legend, add_text, new_figure
 from palletloc.geometry import LevelPose
 
 _LEFT, _RIGHT, _HEAD, _HEIGHT, _FOOT = 66, 20, 46, 320, 84  # in pixels
@@ -45,7 +45,7 @@ def sweep_figure(name: str, candidate: Candidate) -> Figure:
     else:
         raise ValueError(f"candidate {name} was not searched: there is no score to draw")
     add_text(figure, _LEFT, 14, f"{name}: {title}", size=13, bold=True)
-    legend_below(figure, axes)
+    add_legend(figure, _HEAD + _HEIGHT + 46, axes)
     return figure
 
 

@@ -89,8 +89,7 @@ class PoseError:
     yaw: float
     """In radians, -pi to pi."""
     nees: float
-    """Squared error in the covariance's own units: 4 on average where that tells the truth, infinite where it is
-    not positive."""
+    """Squared error in the covariance's units: 4 on average where that is true, infinite where it is none."""
     same_model: bool
     """Whether the model is the right one."""
 
@@ -173,7 +172,7 @@ def true_faces(
 def _seen(
     pose: LevelPose, width: float, forklift_from_camera: RigidTransform, sight: Sight
 ) -> tuple[float, bool]:
-    """Return a face's range, and whether all of it lies on one side of the camera, within bearings and range."""
+    """Return a face's range, and whether all of it lies on one side, within the bearings and the range."""
     edge = np.array([[0.0, side * width / 2, 0.0] for side in (-1, 0, 1)])
     points = forklift_from_camera.inv().apply(pose.transform().apply(edge))
     bearing = np.degrees(np.arctan2(points[:, 1], points[:, 0]))
@@ -184,7 +183,7 @@ def _seen(
 
 
 def pair(measured: Sequence[PalletMeasurement], faces: Sequence[TrueFace]) -> list[tuple[int, int]]:
-    """Give each measurement the pallet that it belongs to, and no pallet two of them: the closest pairs first.
+    """Give each measurement the pallet that it belongs to, and no pallet two of them; the closest go first.
 
     Parameters
     ----------

@@ -33,6 +33,7 @@ _RANGES: tuple[tuple[str, float, float], ...] = (
     ("*_sigma", 0.0001, 10),
     ("min_score", 0, 1),
     ("min_coverage", 0, 1),
+    ("min_rank", 0, 1),
     ("certain", 0, 1),
     ("reach", 0.002, 0.1),
     ("search", 0.02, 1),

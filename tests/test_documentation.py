@@ -1,0 +1,86 @@
+"""What the pages say about the program, compared with the program."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+
+import pytest
+import typer
+import yaml
+
+from palletloc.cli.app import COMMANDS, Command
+from palletloc.config import LocalizerConfig, Method
+from palletloc.io.config_file import read_config
+from palletloc.measurement import Reason, Stage
+
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+REFUSALS = (DOCS / "refusals.md").read_text(encoding="utf-8")
+CLI = (DOCS / "cli.md").read_text(encoding="utf-8")
+SECTIONS = {field.name for field in fields(LocalizerConfig)}
+
+
+def sections(page: str, mark: str) -> dict[str, str]:
+    """Return the text below each heading of one level."""
+    pieces = re.split(rf"^{mark} (.+)\n", page, flags=re.MULTILINE)
+    return dict(zip(pieces[1::2], pieces[2::2], strict=True))
+
+
+def test_every_reason_has_a_section_and_no_other_has() -> None:
+    assert sections(REFUSALS, "###").keys() == {str(reason) for reason in Reason}
+
+
+@pytest.mark.parametrize("reason", Reason)
+def test_a_reason_is_explained_with_cause_and_remedy(reason: Reason) -> None:
+    text = sections(REFUSALS, "###")[reason]
+    meaning, *points = re.split(r"^- ", text.strip(), flags=re.MULTILINE)
+    assert meaning.strip().endswith(".")
+    assert [point.split(":")[0] for point in points] == ["**Cause", "**Remedy"]
+
+
+def test_every_stage_has_a_row_and_no_other_has() -> None:
+    rows = re.findall(r"^\| `(\w+)` \|", sections(REFUSALS, "##")["Stages"], re.MULTILINE)
+    assert rows == [str(stage) for stage in Stage]
+
+
+@pytest.mark.parametrize("page", [REFUSALS, CLI], ids=["refusals", "cli"])
+def test_every_parameter_that_is_named_exists(page: str) -> None:
+    for section, name in re.findall(r"`(\w+)\.(\w+)`", page):
+        if section in SECTIONS:
+            part = getattr(LocalizerConfig(), section)
+            assert is_dataclass(part)
+            assert name in {field.name for field in fields(part)}, f"{section}.{name}"
+
+
+def test_parameters_are_named_where_they_help() -> None:
+    assert len(re.findall(r"`(?:detection|yaw|position|verification|prior)\.\w+`", REFUSALS)) > 5
+
+
+def test_every_command_has_a_section_and_no_other_has() -> None:
+    assert set(sections(CLI, "##")) == {f"palletloc {command.name}" for command in COMMANDS}
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command.name)
+def test_every_option_of_a_command_is_in_its_section_and_no_other_is(command: Command) -> None:
+    loaded = command.load()
+    assert callable(loaded)
+    app = typer.Typer(add_completion=False)
+    app.command()(loaded)
+    options = {name for one in typer.main.get_command(app).params for name in one.opts if name[:2] == "--"}
+    rows = re.findall(r"^\| (.*?) \|", sections(CLI, "##")[f"palletloc {command.name}"], re.MULTILINE)
+    assert set(re.findall(r"--[a-z]+", " ".join(rows))) == options - {"--help"}
+
+
+def test_every_method_is_named() -> None:
+    row = next(line for line in CLI.splitlines() if line.startswith("| `--method"))
+    assert set(re.findall(r"`(\w+)`", row)) == {str(method) for method in Method}
+
+
+def test_the_example_of_a_file_of_parameters_can_be_read(tmp_path: Path) -> None:
+    example = re.findall(r"^```yaml\n(.*?)^```", CLI, re.MULTILINE | re.DOTALL)[-1]
+    path = tmp_path / "mine.yaml"
+    path.write_text(example)
+    config = read_config(path)
+    assert config != LocalizerConfig()
+    assert config.detection.max_range == yaml.safe_load(example)["detection"]["max_range"]

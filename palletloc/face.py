@@ -15,8 +15,10 @@ import numpy as np
 from palletloc.geometry import FloatArray
 from palletloc.pallet import Opening, PalletModel
 
-BLUNT_EDGE = 0.003
+BLUNT_EDGE = 0.002
 """Uncertainty of an edge with both adjoining surfaces in view, beside that of its rounding, in metres."""
+LIT_EDGE = 0.003
+"""The same for the edge of a surface that light falls on from above: the brightest line may lie behind it."""
 
 
 class EdgeKind(StrEnum):
@@ -200,7 +202,8 @@ def edge_shift(edge: FaceEdge, plane_from_camera: FloatArray, model: PalletModel
             mean, sigma = -contour, contour / 4
     else:
         # nothing is sharp about an edge of which both surfaces are seen
-        mean, sigma = 0.75 * radius * tangent, np.hypot(BLUNT_EDGE, radius * (0.2 + 0.25 * tangent))
+        blunt = LIT_EDGE if edge.kind is EdgeKind.OPENING_BOTTOM else BLUNT_EDGE
+        mean, sigma = 0.75 * radius * tangent, np.hypot(blunt, radius * (0.1 + 0.15 * tangent))
         if edge.kind is EdgeKind.TOP:  # a load may begin anywhere near it
             sigma += 2 * radius
     return EdgeShift(float(mean), float(sigma), tangent >= 0)

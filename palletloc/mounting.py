@@ -16,9 +16,9 @@ class Mounting:
 
     forklift_from_camera: RigidTransform
     """The camera's pose."""
-    translation_sigma: tuple[float, float, float] = (0.001, 0.001, 0.001)
+    translation_sigma: tuple[float, float, float] = (0.0005, 0.0005, 0.0005)
     """Standard deviations along the forklift's axes, in metres."""
-    rotation_sigma: tuple[float, float, float] = (0.0003, 0.0003, 0.0003)
+    rotation_sigma: tuple[float, float, float] = (0.0002, 0.0002, 0.0002)
     """Standard deviations about the forklift's axes, in radians."""
 
     @property

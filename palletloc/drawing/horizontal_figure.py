@@ -174,5 +174,5 @@ def vote_stretches(seen: HorizontalView, vote: YawVote, model: PalletModel) -> F
 
 
 def _degrees(angle: float, sigma: float, sign: str = "") -> str:
-    turn, spread = np.degrees(angle), np.degrees(sigma)
+    turn, spread = np.degrees(angle).round(2) + 0.0, np.degrees(sigma)  # no sign before a zero
     return f"{turn:{sign}.2f}\N{DEGREE SIGN} \N{PLUS-MINUS SIGN} {spread:.2f}\N{DEGREE SIGN}"

@@ -192,8 +192,8 @@ def blank_shot(floor_shot: ShotView) -> ShotView:
 def draw_face() -> Callable[..., PlaneView]:
     """Return a function that draws how a sharp flat face appears on a vertical plane, by casting rays.
 
-    The plane stands before a camera at ``plane_from_camera``; the face's lower middle is ``place`` (right, up)
-    on its own plane, which is ``scale`` times as far from the camera and turned by ``yaw``.
+    The plane stands before a camera at ``plane_from_camera``; the face's lower middle is ``place`` (right,
+    up) on its own plane, which is ``scale`` times as far from the camera and turned by ``yaw``.
     """
 
     def drawn(

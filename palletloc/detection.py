@@ -8,11 +8,12 @@ headings are tried, as finely as the view resolves them.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
+from palletloc.contrast import opening_contrast, smoothed
 from palletloc.errors import PalletLocError
 from palletloc.geometry import BoolArray, FloatArray, Image, LevelPose, wrap_angle
 from palletloc.matching import EdgeEnergy, edge_energy
@@ -24,6 +25,10 @@ from palletloc.template import FacePlacement, face_template, match_template
 
 MIN_DISTANCE = 0.3
 """Least distance of the camera from the shelf's plane, in metres: nearer, a face is seen at a grazing angle."""
+
+
+CLEAR_CONTRAST = 4.0
+"""Contrast from which on more says nothing more."""
 
 
 class ShelfPlaneError(PalletLocError):
@@ -74,6 +79,8 @@ class Detection:
     """The known height it stands on, in metres; None where levels are not known."""
     score: float
     """Agreement of view and template, 0 to 1."""
+    contrast: float
+    """How clearly openings differ from blocks there; about 1 or less where there is no pallet."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,9 +149,15 @@ def detect(
         views.append(seen)
         window = (round(0.4 / seen.view.grid.resolution) | 1, round(0.2 / seen.view.grid.resolution) | 1)
         energy = edge_energy(seen.view.image, window)
+        smooth = smoothed(seen.view.image, seen.view.grid)
         for model in models:
-            detections += _match(seen, energy, model, level, config)
-    return sorted(detections, key=lambda detection: -detection.score), views
+            detections += [_looked_at(one, seen, smooth) for one in _match(seen, energy, model, level, config)]
+    return sorted(detections, key=_standing), views
+
+
+def _standing(detection: Detection) -> float:
+    """Return the key that puts what is most likely a pallet first."""
+    return -detection.score * min(detection.contrast, CLEAR_CONTRAST)
 
 
 def view_shelf(
@@ -267,7 +280,7 @@ def _match(
         score[~_plausible(batch, places, seen, config)] = -np.inf
         for place, chosen, value in _best(score, (batch.scale[:, 0] - 1) * seen.distance, places, config):
             pose = _pose(seen, place, batch.scale[chosen, 0], batch.yaw[chosen, 0], batch.height[0, 0])
-            found.append(Detection(model, pose, level, value))
+            found.append(Detection(model, pose, level, value, 0.0))
     return _spaced(found, config.max_candidates * (1 if level is not None else 2), config)
 
 
@@ -339,6 +352,20 @@ def _close(one: Detection, other: Detection, config: DetectionConfig) -> bool:
         and abs(cos * dx + sin * dy) < config.min_depth_spacing
         and abs(there.z - here.z) < 0.6 * one.model.height
     )
+
+
+def _looked_at(one: Detection, seen: ShelfView, smooth: Image) -> Detection:
+    """Return a detection with the contrast of its openings, as the view of the nominal plane shows them."""
+    pose = one.forklift_from_pallet
+    place, height, towards = seen.forklift_from_plane.inv().apply([pose.x, pose.y, pose.z])
+    turn = wrap_angle(pose.yaw - seen.yaw)
+
+    def placing(points: FloatArray) -> FloatArray:
+        scale = 1 + (points[:, 0] * np.tan(turn) - towards) / seen.distance
+        up = seen.camera_height + (height + points[:, 1] - seen.camera_height) / scale
+        return np.stack([(place + points[:, 0]) / scale, up], axis=1)
+
+    return replace(one, contrast=opening_contrast(smooth, seen.view.grid, one.model, placing))
 
 
 def _pose(seen: ShelfView, place: float, scale: float, yaw: float, height: float) -> LevelPose:

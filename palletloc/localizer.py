@@ -16,7 +16,7 @@ from palletloc.geometry import Image, LevelPose
 from palletloc.measurement import HeightPrior, PalletMeasurement, Reason, Refusal, Stage
 from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
-from palletloc.pipeline import FIRST_CONTRAST, looks_like_pallet, measure_on_planes
+from palletloc.pipeline import measure_on_planes
 from palletloc.projection import Projector
 from palletloc.shelf import ShelfPlane
 from palletloc.verification import overlapping
@@ -152,8 +152,8 @@ class Localizer:
             self.config.detection,
         )
         candidates = [self._detected(detection) for detection in detections]
-        for i, candidate in enumerate(candidates):
-            self._measure(shot, candidate, candidates[:i])
+        for i, (candidate, detection) in enumerate(zip(candidates, detections, strict=True)):
+            self._measure(shot, candidate, detection.contrast, candidates[:i])
         exclude_overlaps(candidates)
         return Explanation(time, file, tuple(views), tuple(detections), tuple(candidates))
 
@@ -211,13 +211,15 @@ class Localizer:
             candidate.refuse(Stage.START, Reason.NOT_FINITE)
         return candidate
 
-    def _measure(self, shot: ShotView, candidate: Candidate, before: Sequence[Candidate]) -> None:
+    def _measure(
+        self, shot: ShotView, candidate: Candidate, contrast: float, before: Sequence[Candidate]
+    ) -> None:
         """Measure a detection unless a pallet that is beyond doubt stands there."""
         certain = (one for one in before if one.refusal is None and one.rank >= self.config.verification.certain)
         for one in certain:
             if one.pose and overlapping(one.pose, one.model, candidate.start, candidate.model):
                 return candidate.refuse(Stage.DETECTION, Reason.OVERLAP)
-        if not looks_like_pallet(shot, candidate, candidate.start, FIRST_CONTRAST):
+        if contrast < self.config.verification.first_contrast:
             return candidate.refuse(Stage.DETECTION, Reason.LOW_CONTRAST)
         return METHODS[self.method](shot, candidate, self.config)
 

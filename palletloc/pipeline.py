@@ -9,25 +9,24 @@ import numpy as np
 
 from palletloc.boundary import BoundaryLine
 from palletloc.candidate import Candidate, ShotView
+from palletloc.contrast import face_contrast
 from palletloc.config import LocalizerConfig
 from palletloc.face_fit import YawPrior, fit_face
 from palletloc.face_view import view_face
 from palletloc.geometry import LevelPose, wrap_angle
 from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
 from palletloc.position import sweep
-from palletloc.verification import opening_contrast, verify
+from palletloc.verification import verify
 from palletloc.yaw import find_lines, horizontal_source, measure_line, measure_yaw, view_horizontal
 
 GLANCE_RESOLUTION = 0.006
 """Metres per pixel of the view that tells most places from a pallet at a glance."""
-FIRST_CONTRAST = 0.6
-"""Contrast of openings and blocks below which a detection's place shows no pallet, in spreads of the blocks."""
 FACE_ATTEMPTS = 3
 """How many peaks of the sweep are tried where only the face gives the yaw."""
 RIVAL_MARGIN = 0.05
 """How much less a rival may agree with the image to be taken seriously."""
 SWEPT_CONTRAST = 1.2
-"""The same where a sweep has found the place to a centimetre or two."""
+"""Contrast of openings and blocks below which that view shows no pallet, in spreads of the blocks."""
 
 
 def measure_on_planes(shot: ShotView, candidate: Candidate, config: LocalizerConfig) -> None:
@@ -85,7 +84,7 @@ def _attempts(
     for peak in peaks:
         if any(one.pose is not None and _near(peak, one.pose) for one in attempts):
             continue  # it would lead to the same pose
-        if not looks_like_pallet(shot, candidate, peak, SWEPT_CONTRAST):
+        if not _looks_like_pallet(shot, candidate, peak):
             continue
         attempt = replace(candidate)
         _fit(shot, attempt, _voted_yaw(shot, attempt, source, peak, config), config)
@@ -111,26 +110,14 @@ def _widen(best: Candidate, attempts: Sequence[Candidate]) -> None:
     best.covariance = best.covariance + apart.T @ apart / len(apart)
 
 
-def looks_like_pallet(shot: ShotView, candidate: Candidate, pose: LevelPose, contrast: float) -> bool:
-    """Tell whether blocks and openings differ at all: most places that are not a pallet end here.
-
-    Parameters
-    ----------
-    shot : ShotView
-        The shot.
-    candidate : Candidate
-        Gives the model.
-    pose : LevelPose
-        ``forklift_from_pallet``, right to a few centimetres.
-    contrast : float
-        Least contrast.
-    """
+def _looks_like_pallet(shot: ShotView, candidate: Candidate, pose: LevelPose) -> bool:
+    """Tell whether blocks and openings differ at all: most places that are not a pallet end here."""
     seen = view_face(
         shot.projector, shot.image, shot.camera_from_forklift, pose, candidate.model, GLANCE_RESOLUTION
     )
     if isinstance(seen, Reason):
         return True  # the fit tells the reason
-    return opening_contrast(seen.view, candidate.model) >= contrast
+    return face_contrast(seen.view, candidate.model) >= SWEPT_CONTRAST
 
 
 def _near(one: LevelPose, other: LevelPose) -> bool:

@@ -29,12 +29,14 @@ Placed = tuple[str, PalletModel, LevelPose, FloatArray]
 """A pallet's name, model, ``forklift_from_pallet`` and (4, 4) covariance."""
 
 _LEFT, _RIGHT, _HEAD, _FOOT = 70, 20, 72, 84  # in pixels
-_LEAST_PX, _MOST_PX = 380, 760
+_LEAST_PX, _MOST_PX = 380, 640
 _AROUND = 0.6  # metres
 _WHISKER = 0.9  # metres
 _MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100)
-_LARGEST = 0.25
-"""Size that the largest ellipse is magnified to at most, in metres."""
+_LARGEST, _WIDEST = 0.6, 0.3
+"""How far ellipses and fans are magnified: half axis in metres, half angle in radians."""
+_NAME_DEPTHS = (0.82, 0.52)
+"""Where the names stand, in parts of the pallet's depth: neighbours may overlap."""
 
 
 def plan_figure(pallets: Sequence[Placed], mounting: Mounting, shelf: ShelfPlane | None) -> Figure:
@@ -52,8 +54,8 @@ def plan_figure(pallets: Sequence[Placed], mounting: Mounting, shelf: ShelfPlane
     Returns
     -------
     Figure
-        Ahead is to the right, the forklift's left is up. Ellipses and fans show two standard deviations of position
-        and yaw, magnified by a factor that the figure tells.
+        Ahead is to the right, the forklift's left is up. Ellipses and fans show two standard deviations of
+        position and yaw, magnified by a factor that the figure tells.
     """
     corners = [_corners(model, pose) for _, model, pose, _ in pallets]
     x, y, _ = mounting.center
@@ -75,8 +77,9 @@ def plan_figure(pallets: Sequence[Placed], mounting: Mounting, shelf: ShelfPlane
     if shelf is not None:
         _draw_shelf(axes, shelf)
     _draw_forklift(axes, mounting)
-    for i, pallet in enumerate(pallets):
+    for i, pallet in enumerate(sorted(pallets, key=lambda one: one[2].x)):
         _draw_pallet(axes, pallet, SERIES[i % len(SERIES)], factor)
+        _write_name(axes, pallet, SERIES[i % len(SERIES)], _NAME_DEPTHS[i % 2])
     add_text(figure, _LEFT, 14, "The aisle from above, in the forklift's frame", size=13, bold=True)
     times = f"{factor} times as large as they are" if factor > 1 else "at their true size"
     line = f"Ellipses: position, fans: yaw; both two standard deviations, drawn {times}"
@@ -99,9 +102,7 @@ def _magnification(covariances: Sequence[FloatArray]) -> int:
         return 1
     largest = max(2 * float(np.sqrt(np.linalg.eigvalsh(c[:2, :2])[-1])) for c in covariances)
     widest = max(2 * float(np.sqrt(c[3, 3])) for c in covariances)
-    fitting = [
-        m for m in _MAGNIFICATIONS if m * largest <= _LARGEST and m * widest * _WHISKER <= 1.4 * _LARGEST
-    ]
+    fitting = [m for m in _MAGNIFICATIONS if m * largest <= _LARGEST and m * widest <= _WIDEST]
     return fitting[-1] if fitting else 1
 
 
@@ -113,7 +114,7 @@ def _corners(model: PalletModel, pose: LevelPose) -> FloatArray:
 
 
 def _draw_pallet(axes: Axes, pallet: Placed, color: str, factor: int) -> None:
-    name, model, pose, covariance = pallet
+    _, model, pose, covariance = pallet
     corners = _corners(model, pose)
     axes.add_patch(Polygon(corners, facecolor=color, alpha=0.10, edgecolor="none"))
     axes.add_patch(Polygon(corners, fill=False, edgecolor=color, linewidth=0.9, alpha=0.7))
@@ -121,8 +122,12 @@ def _draw_pallet(axes: Axes, pallet: Placed, color: str, factor: int) -> None:
     axes.add_patch(_fan(pose, 2 * factor * float(np.sqrt(covariance[3, 3])), color))
     axes.add_patch(_ellipse(pose, covariance, factor, color))
     axes.plot(pose.x, pose.y, "o", color=color, markersize=3)
-    place = pose.transform().apply([0.62 * model.depth, 0.0, 0.0])
-    text = axes.text(place[0], place[1], f"{name}\n{pose.z:.2f} m up", ha="center", va="center")
+
+
+def _write_name(axes: Axes, pallet: Placed, color: str, depth: float) -> None:
+    name, model, pose, _ = pallet
+    x, y, _ = pose.transform().apply([depth * model.depth, 0.0, 0.0])
+    text = axes.text(x, y, f"{name}\n{round(pose.z, 2) + 0.0:.2f} m up", ha="center", va="center")
     text.set(size=10, color=color, weight="bold", parse_math=False)
 
 
@@ -138,9 +143,7 @@ def _ellipse(pose: LevelPose, covariance: FloatArray, factor: int, color: str) -
     values, vectors = np.linalg.eigh(covariance[:2, :2])
     minor, major = 4 * factor * np.sqrt(np.maximum(values, 0.0))
     angle = float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])))
-    return Ellipse(
-        (pose.x, pose.y), major, minor, angle=angle, facecolor="none", edgecolor=INK, linewidth=1.3
-    )
+    return Ellipse((pose.x, pose.y), major, minor, angle=angle, fill=False, edgecolor=color, linewidth=1.8)
 
 
 def _draw_shelf(axes: Axes, shelf: ShelfPlane) -> None:

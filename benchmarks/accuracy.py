@@ -1,0 +1,113 @@
+"""How accurate the methods are, on recordings with truth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+
+from benchmarks.tables import Column, Section, Value
+from palletloc.config import Method
+from palletloc.evaluation.errors import ShotErrors, recording_errors
+from palletloc.evaluation.summary import FAR_BELOW, Spread, summarize
+from palletloc.io.truth import Truth, read_truth
+from palletloc.measurement import PalletMeasurement
+from palletloc.offline import read_job
+from palletloc.pallet_library import load_library
+
+PARTS = {
+    f"{FAR_BELOW} m or more below": (FAR_BELOW, math.inf),
+    "other heights": (-math.inf, FAR_BELOW),
+}
+"""Where pallets stand to the camera: least and greatest height of the camera above their lower edge, in metres."""
+
+_COLUMNS = (
+    Column("pallets"),
+    Column("method"),
+    Column("views"),
+    Column("recall", 3),
+    Column("false/shot", 2),
+    Column("yaw deg"),
+    Column("depth mm"),
+    Column("along mm"),
+    Column("height mm"),
+    Column("NEES", 1),
+)
+
+
+def measure_accuracy(folders: Sequence[Path], console: Console) -> list[Section]:
+    """Compare the methods on recordings.
+
+    Parameters
+    ----------
+    folders : sequence of Path
+        The recordings, with truth.
+    console : Console
+        Shows progress.
+
+    Returns
+    -------
+    list of Section
+        A table for each recording.
+
+    Raises
+    ------
+    PalletLocError
+        If a recording or its truth cannot be read.
+    """
+    return [_section(folder, read_truth(folder), console) for folder in folders]
+
+
+def _section(folder: Path, truth: Truth, console: Console) -> Section:
+    shots = {method: _shot_errors(folder, method, truth, console) for method in Method}
+    rows = [
+        _row(part, method, [shot.between(*heights) for shot in shots[method]])
+        for part, heights in PARTS.items()
+        for method in Method
+    ]
+    note = f"{len(shots[Method.PAPER])} shots; errors as median / 95 % / largest of the absolute values."
+    return Section(f"Accuracy on {folder.name}", _COLUMNS, tuple(rows), note)
+
+
+def _shot_errors(folder: Path, method: Method, truth: Truth, console: Console) -> list[ShotErrors]:
+    job = read_job(folder, method)
+    measured: list[PalletMeasurement] = []
+    for number in track(range(len(job.shots)), f"{folder.name}, {method}", console=console, transient=True):
+        measured += job.explain(number)[1].measurements
+    recording = job.recording
+    models = load_library() | {model.name: model for model in recording.models}
+    return recording_errors(
+        [shot.time for shot in job.shots],
+        measured,
+        truth.pallets,
+        {name: model.width for name, model in models.items()},
+        truth.forklift,
+        recording.forklift_from_camera,
+    )
+
+
+def _row(part: str, method: Method, shots: Sequence[ShotErrors]) -> tuple[Value, ...]:
+    summary = summarize(shots)
+    return (
+        part,
+        str(method),
+        summary.visible,
+        summary.recall,
+        summary.false_per_shot,
+        _triple(summary.yaw, float(np.degrees(1)), 2),
+        _triple(summary.depth, 1e3, 0),
+        _triple(summary.along, 1e3, 0),
+        _triple(summary.height, 1e3, 0),
+        summary.nees,
+    )
+
+
+def _triple(spread: Spread | None, unit: float, digits: int) -> str | None:
+    if spread is None:
+        return None
+    values = (spread.median, spread.p95, spread.maximum)
+    return " / ".join(f"{value * unit:.{digits}f}" for value in values)

@@ -1,0 +1,212 @@
+"""How long the steps take: CPU time of one thread."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import cycle, islice
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+
+from benchmarks.memory import peak_memory
+from benchmarks.stopwatch import Timings, joined, take_turns
+from benchmarks.tables import Column, Section, Value
+from palletloc.config import Method
+from palletloc.detection import detect
+from palletloc.errors import PalletLocError
+from palletloc.geometry import Image, LevelPose
+from palletloc.io.recording import Recording, read_recording
+from palletloc.localizer import Localizer, Start
+from palletloc.measurement import YawSource
+from palletloc.offline import read_job, shelf_at
+from palletloc.plane import PlaneGrid
+from palletloc.projection import Interpolation, Projector
+from palletloc.remap_table import build_table
+
+MAX_SHOTS = 6
+"""Most shots to measure on, spread over the recording."""
+MAX_PALLETS = 6
+"""Most pallets to measure from given starts."""
+START_ERROR = np.array([0.05, 0.05, 0.0, np.radians(3.0)])
+"""How far the starts are off (largest x, y, z in metres, yaw in radians)."""
+LENGTHS = (1, 4)
+"""How often the recordings of the memory measurement show each shot."""
+
+_COLUMNS = (Column("what"), Column("median", 2), Column("unit"), Column("ratio", 2), Column("of what"))
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """A pallet to measure from a given start."""
+
+    image: Image
+    """The shot."""
+    time: float
+    """When it was exposed, in seconds."""
+    start: Start
+    """Off by centimetres and degrees."""
+
+
+def measure_speed(folder: Path, rounds: int, console: Console) -> list[Section]:
+    """Measure speed and memory on a recording.
+
+    Parameters
+    ----------
+    folder : Path
+        The recording.
+    rounds : int
+        How often everything is timed.
+    console : Console
+        Shows progress.
+
+    Returns
+    -------
+    list of Section
+        One table.
+
+    Raises
+    ------
+    PalletLocError
+        If the recording cannot be read, or no pallet is found in it.
+    """
+    recording = read_recording(folder)
+    memory = _memory_rows(recording)  # first, while this process is small
+    picked = np.unique(np.linspace(0, len(recording.shots) - 1, MAX_SHOTS).round().astype(int))
+    shots = [
+        _shot_timings(recording, int(number), rounds)
+        for number in track(picked, "shots", console=console, transient=True)
+    ]
+    targets = _targets(recording, [int(number) for number in picked])
+    pallets = [
+        _pallet_timings(recording, target, rounds)
+        for target in track(targets, "pallets", console=console, transient=True)
+    ]
+    planes = _plane_timings(recording, rounds)
+    size = f"{recording.camera.width} x {recording.camera.height}"
+    rows = [
+        *_step_rows(joined(shots), planes, size),
+        *_method_rows(joined(pallets)),
+        *memory,
+    ]
+    note = f"CPU time in one thread; medians of {rounds} rounds over {len(picked)} shots and {len(targets)} pallets."
+    return [Section(f"Speed on {folder.name}", _COLUMNS, tuple(rows), note)]
+
+
+def _shot_timings(recording: Recording, number: int, rounds: int) -> Timings:
+    shot = recording.shots[number]
+    image = recording.image(shot)
+    job = read_job(recording.folder)
+    localizer = job.localizer
+    shelf = shelf_at(recording, shot.time, localizer.config.prior)
+
+    def look() -> None:
+        projector = Projector(recording.camera)
+        models = list(localizer.models.values())
+        detect(projector, image, shelf, recording.forklift_from_camera, models, localizer.config.detection)
+
+    def localize() -> None:
+        # a new projector each time: in a recording no shot meets the tables of its own planes
+        replace(job, localizer=_new_localizer(recording)).explain(number)
+
+    return take_turns({"decode": lambda: recording.image(shot), "detect": look, "shot": localize}, rounds)
+
+
+def _plane_timings(recording: Recording, rounds: int) -> Timings:
+    """Time one megapixel of a plane: 4 m to each side of the camera's foot at 8 mm."""
+    shot = recording.shots[len(recording.shots) // 2]
+    image = recording.image(shot)
+    job = read_job(recording.folder)
+    shelf = shelf_at(recording, shot.time, job.localizer.config.prior)
+    explained = job.localizer.explain(image, shot.time, shelf)
+    camera_from_plane = explained.shelf_views[0].view.camera_from_plane
+    grid = PlaneGrid(left=-2.0, top=3.0, resolution=0.004, columns=1000, rows=1000)
+    table = build_table(recording.camera, camera_from_plane, grid)
+    return take_turns(
+        {
+            "map": lambda: build_table(recording.camera, camera_from_plane, grid),
+            "remap": lambda: table.apply(image, Interpolation.LINEAR),
+        },
+        rounds,
+    )
+
+
+def _targets(recording: Recording, numbers: list[int]) -> list[Target]:
+    """Return pallets that a horizontal plane serves, with starts that are off: every method can measure them."""
+    job = read_job(recording.folder)
+    rng = np.random.default_rng(0)
+    targets = []
+    for number in numbers:
+        image, explained = job.explain(number)
+        for found in explained.measurements:
+            if found.yaw_from is not YawSource.FACE:
+                pose = found.forklift_from_pallet.as_array() + START_ERROR * rng.uniform(-1, 1, 4)
+                targets.append(Target(image, found.time, Start(found.model, LevelPose(*pose.tolist()))))
+    if not targets:
+        raise PalletLocError(
+            f"{recording.folder}: no pallet found; expected some below or above the camera to measure"
+        )
+    step = max(1, len(targets) // MAX_PALLETS)
+    return targets[::step][:MAX_PALLETS]
+
+
+def _pallet_timings(recording: Recording, target: Target, rounds: int) -> Timings:
+    def measure(method: Method) -> Callable[[], object]:
+        def once() -> object:
+            localizer = _new_localizer(recording, method)
+            return localizer.localize_from(target.image, target.time, [target.start], recording.shelf.levels)
+
+        return once
+
+    return take_turns({str(method): measure(method) for method in Method}, rounds)
+
+
+def _new_localizer(recording: Recording, method: Method = Method.HORIZONTAL_PLANE) -> Localizer:
+    return Localizer(recording.camera, recording.mounting, recording.models, method)
+
+
+def _step_rows(shots: Timings, planes: Timings, size: str) -> list[tuple[Value, ...]]:
+    decode = f"JPEG decode, {size}, colour"
+    return [
+        (decode, 1e3 * shots.median("decode"), "ms per shot", None, None),
+        ("map of a plane", 1e3 * planes.median("map"), "ms per Mpx", None, None),
+        ("remap, linear, colour", 1e3 * planes.median("remap"), "ms per Mpx", None, None),
+        ("detection", 1e3 * shots.median("detect"), "ms per shot", shots.ratio("detect", "decode"), "decode"),
+        (
+            "whole shot with decode",
+            1e3 * shots.median("shot"),
+            "ms per shot",
+            shots.ratio("shot", "decode"),
+            "decode",
+        ),
+    ]
+
+
+def _method_rows(pallets: Timings) -> list[tuple[Value, ...]]:
+    base = str(Method.JOINT_SEARCH)
+    return [
+        (
+            f"yaw and position, {method}",
+            1e3 * pallets.median(str(method)),
+            "ms per pallet",
+            1 / pallets.ratio(base, str(method)),
+            base,
+        )
+        for method in Method
+    ]
+
+
+def _memory_rows(recording: Recording) -> list[tuple[Value, ...]]:
+    peaks = [peak_memory(recording, length) for length in LENGTHS]
+    return [
+        (
+            f"peak memory, {length * len(recording.shots)} shots",
+            None if peak is None else peak / 2**20,
+            "MiB",
+            None if peak is None or peaks[0] is None else peak / peaks[0],
+            f"{len(recording.shots)} shots",
+        )
+        for length, peak in zip(LENGTHS, peaks, strict=True)
+    ]

@@ -1,0 +1,164 @@
+"""Every stage of one shot as pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from palletloc.candidate import Candidate, ShotView
+from palletloc.drawing.canvas import MEASURED, REFUSED, png
+from palletloc.drawing.face_figure import face_figure
+from palletloc.drawing.horizontal_figure import horizontal_figure
+from palletloc.drawing.overlay import Mark, cut_out, draw_overlay, region_of_interest
+from palletloc.drawing.plan_figure import plan_figure
+from palletloc.drawing.shelf_figure import shelf_figure
+from palletloc.drawing.sweep_figure import sweep_figure
+from palletloc.geometry import Image
+from palletloc.localizer import Explanation
+from palletloc.shelf import ShelfPlane
+
+Named = tuple[tuple[str, Candidate], ...]
+"""Candidates with the short names that all pictures of a shot give them."""
+
+_WHOLE_WIDTH = 1920
+_REGION_WIDTH = 1280
+_JPEG_QUALITY = 90
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A picture as the content of a file."""
+
+    stage: str
+    """What it shows, as in its file's name: ``"1-shelf"``, ``"2-yaw-P1"``."""
+    caption: str
+    """What it shows, in a sentence."""
+    suffix: str
+    """``".png"`` or ``".jpg"``."""
+    content: bytes
+    """All of the file."""
+
+    @property
+    def file(self) -> str:
+        """Name of the file."""
+        return self.stage + self.suffix
+
+
+def name_candidates(explanation: Explanation) -> Named:
+    """Give candidates short names: P1, P2, ... to pallets from left to right, C1, C2, ... to what was given up.
+
+    Parameters
+    ----------
+    explanation : Explanation
+        Of a shot.
+
+    Returns
+    -------
+    tuple of (str, Candidate)
+        Pallets first; the others by score, best first.
+    """
+    found = [one for one in explanation.candidates if one.refusal is None and one.pose is not None]
+    others = [one for one in explanation.candidates if not any(one is other for other in found)]
+    found.sort(key=_bearing, reverse=True)
+    others.sort(key=lambda one: one.score, reverse=True)
+    return (
+        *((f"P{i}", one) for i, one in enumerate(found, start=1)),
+        *((f"C{i}", one) for i, one in enumerate(others, start=1)),
+    )
+
+
+def _bearing(candidate: Candidate) -> float:
+    pose = candidate.pose or candidate.start
+    return float(np.arctan2(pose.y, pose.x))
+
+
+def stage_pictures(
+    explanation: Explanation, shot: ShotView, shelf: ShelfPlane | None, *, with_refused: bool = False
+) -> Iterator[Picture]:
+    """Draw every stage of a shot.
+
+    Parameters
+    ----------
+    explanation : Explanation
+        What was found.
+    shot : ShotView
+        The shot.
+    shelf : ShelfPlane or None
+        Nominal front plane in the forklift frame, for the map.
+    with_refused : bool
+        Whether to draw the steps of candidates that were given up, too.
+
+    Yields
+    ------
+    Picture
+        In the order of the stages; drawn one by one.
+    """
+    named = name_candidates(explanation)
+    if explanation.shelf_views:
+        figure = shelf_figure(explanation.shelf_views, named)
+        yield Picture(
+            "1-shelf", "Where pallets were looked for, and where they were found", ".png", png(figure)
+        )
+    steps = [(name, one) for name, one in named if one.refusal is None or with_refused]
+    yield from _candidate_pictures(steps, shot)
+    yield from _overlay_pictures(steps, shot)
+    placed = [
+        (name, one.model, one.pose, one.covariance)
+        for name, one in named
+        if one.refusal is None and one.pose is not None and one.covariance is not None
+    ]
+    figure = plan_figure(placed, shot.mounting, shelf)
+    yield Picture("6-plan", "The pallets and the forklift from above", ".png", png(figure))
+
+
+def _candidate_pictures(named: Sequence[tuple[str, Candidate]], shot: ShotView) -> Iterator[Picture]:
+    """Draw the steps of single candidates, as far as they came."""
+    for name, one in named:
+        if one.horizontal:
+            content = png(horizontal_figure(name, one))
+            yield Picture(f"2-yaw-{name}", f"{name}: yaw from the horizontal plane", ".png", content)
+    for name, one in named:
+        if one.sweep is not None or one.joint is not None:
+            content = png(sweep_figure(name, one))
+            yield Picture(f"3-position-{name}", f"{name}: position by the plane sweep", ".png", content)
+    for name, one in named:
+        if one.sweep is not None or one.joint is not None:
+            content = png(face_figure(name, one, shot))
+            caption = f"{name}: front face at the start and as measured"
+            yield Picture(f"4-face-{name}", caption, ".png", content)
+
+
+def _overlay_pictures(named: Sequence[tuple[str, Candidate]], shot: ShotView) -> Iterator[Picture]:
+    marks = list(_marks(named))
+    camera, camera_from_forklift = shot.projector.camera, shot.camera_from_forklift
+    drawn = draw_overlay(shot.image, camera, camera_from_forklift, marks)
+    region = region_of_interest(camera, camera_from_forklift, marks)
+    part = _narrowed(cut_out(drawn, region), _REGION_WIDTH)
+    yield Picture("5-overlay", "The pallets drawn into the shot", ".jpg", _jpg(part))
+    whole = _narrowed(drawn, _WHOLE_WIDTH)
+    yield Picture("5-overlay-whole", "The same in the whole image", ".jpg", _jpg(whole))
+
+
+def _marks(named: Iterable[tuple[str, Candidate]]) -> Iterator[Mark]:
+    """Yield what to draw: candidates that were given up first, below the pallets."""
+    for name, one in sorted(named, key=lambda pair: pair[1].refusal is None):
+        if one.refusal is not None or one.pose is None:
+            yield Mark(one.model, one.pose or one.start, REFUSED, name, heading=False)
+        else:
+            yield Mark(one.model, one.pose, MEASURED, name)
+
+
+def _narrowed(image: Image, width: int) -> Image:
+    """Return an image that is at most so wide."""
+    if image.shape[1] <= width:
+        return image
+    height = round(image.shape[0] * width / image.shape[1])
+    return np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def _jpg(image: Image) -> bytes:
+    _, content = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+    return content.tobytes()

@@ -1,0 +1,137 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from palletloc.geometry import FloatArray
+from palletloc.matching import EdgeEnergy, edge_energy
+from palletloc.pallet import PalletModel
+from palletloc.pallet_library import load_library
+from palletloc.plane import PlaneGrid, PlaneView
+from palletloc.template import FacePlacement, TemplatePiece, face_template, match_template
+
+RESOLUTION = 0.008
+GRID = PlaneGrid.spanning(-1.1, 1.1, -0.35, 0.6, RESOLUTION)
+CAMERA = np.array([-0.4, 1.7, 2.2])
+WINDOW = (51, 25)
+PLACES = np.arange(-0.3, 0.3, RESOLUTION / 2)
+Draw = Callable[..., PlaneView]
+LIBRARY = load_library()
+
+
+def column(*values: float) -> FloatArray:
+    return np.array(values, dtype=np.float64)[:, None]
+
+
+def here(scale: float = 1.0, yaw: float = 0.0, height: float = 0.0) -> FacePlacement:
+    return FacePlacement(column(scale), column(yaw), column(height))
+
+
+def template_of(view: PlaneView, model: PalletModel) -> list[TemplatePiece]:
+    return face_template(model, edge_energy(view.image, WINDOW), view.grid.resolution)
+
+
+@pytest.mark.parametrize("model", LIBRARY.values(), ids=LIBRARY)
+@pytest.mark.parametrize("camera", [None, CAMERA])
+def test_edges_weigh_one_in_all_and_blocks_count_against(
+    model: PalletModel, camera: FloatArray | None
+) -> None:
+    blank = np.zeros((GRID.rows, GRID.columns), np.float32)
+    pieces = face_template(model, EdgeEnergy(blank, blank), RESOLUTION, camera)
+    weights = np.array([piece.weight for piece in pieces])
+    assert weights[weights > 0].sum() == pytest.approx(1.0)
+    assert (weights < 0).any()
+    for piece in pieces:
+        assert abs(piece.right) <= model.width / 2 + 0.03
+        assert -0.03 <= piece.up <= model.height + 0.03
+
+
+@pytest.mark.parametrize("fill", ["edges", "everything", "nothing"])
+def test_the_score_is_one_where_all_edges_are_seen_and_nothing_else(fill: str, epal: PalletModel) -> None:
+    full = np.ones((GRID.rows, GRID.columns), np.float32)
+    pieces = face_template(epal, EdgeEnergy(full, full), RESOLUTION)
+    if fill == "edges":
+        pieces = [piece for piece in pieces if piece.weight > 0]
+    if fill == "nothing":
+        pieces = [piece._replace(field=0 * full) for piece in pieces]
+    score = match_template(pieces, GRID, CAMERA, here(), np.zeros(1))
+    blocks = sum(piece.weight for piece in pieces if piece.weight < 0)
+    expected = {"edges": 1.0, "everything": 1.0 + blocks, "nothing": 0.0}[fill]
+    assert score.shape == (1, 1)
+    assert score[0, 0] == pytest.approx(expected, abs=1e-5)
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0), (0.12, 0.05), (-0.21, -0.1)])
+def test_a_face_is_found_where_it_is_drawn(place: tuple[float, float], epal: PalletModel, draw_face: Draw) -> None:
+    view = draw_face(epal, GRID, CAMERA, place)
+    heights = np.arange(-0.2, 0.2, RESOLUTION / 2)
+    placement = FacePlacement(np.ones((len(heights), 1)), np.zeros((1, 1)), heights[:, None])
+    score = match_template(template_of(view, epal), GRID, CAMERA, placement, PLACES)
+    row, col = np.unravel_index(score.argmax(), score.shape)
+    assert PLACES[col] == pytest.approx(place[0], abs=1.5 * RESOLUTION)
+    assert heights[row] == pytest.approx(place[1], abs=1.5 * RESOLUTION)
+    assert score.max() > 0.8
+
+
+@pytest.mark.parametrize("scale", [0.9, 0.96, 1.05, 1.1])
+@pytest.mark.parametrize("camera", [CAMERA, np.array([0.9, -1.2, 1.8])])
+def test_on_one_view_a_face_at_another_distance_is_found_at_its_scale(
+    scale: float, camera: FloatArray, epal: PalletModel, draw_face: Draw
+) -> None:
+    view = draw_face(epal, GRID, camera, (0.1, 0.02), scale)
+    scales = np.arange(0.86, 1.14, 0.004)
+    placement = FacePlacement(scales[:, None], np.zeros((1, 1)), np.full((1, 1), 0.02))
+    score = match_template(template_of(view, epal), GRID, camera, placement, PLACES)
+    row, col = np.unravel_index(score.argmax(), score.shape)
+    assert scales[row] == pytest.approx(scale, abs=0.008)
+    assert PLACES[col] == pytest.approx(0.1, abs=2 * RESOLUTION)
+    assert score[row, col] > 0.7
+    assert score[row, col] > score[np.abs(scales - 1.0).argmin()].max() + 0.1
+
+
+@pytest.mark.parametrize("yaw", [-0.08, -0.04, 0.05])
+def test_a_turned_face_is_found_at_its_yaw(yaw: float, epal: PalletModel, draw_face: Draw) -> None:
+    view = draw_face(epal, GRID, CAMERA, (0.1, 0.0), yaw=yaw)
+    yaws = np.arange(-0.12, 0.121, 0.01)
+    placement = FacePlacement(np.ones((1, 1)).repeat(len(yaws), 0), yaws[:, None], np.zeros((1, 1)))
+    score = match_template(template_of(view, epal), GRID, CAMERA, placement, PLACES)
+    best = np.unravel_index(score.argmax(), score.shape)
+    assert yaws[best[0]] == pytest.approx(yaw, abs=0.021)
+    assert score.max() > score[np.abs(yaws + yaw).argmin()].max() + 0.05  # the sign of the turn counts
+
+
+def test_a_drift_moves_the_places_of_each_placement(epal: PalletModel, draw_face: Draw) -> None:
+    view = draw_face(epal, GRID, CAMERA)
+    template = template_of(view, epal)
+    placement = FacePlacement(column(1.0, 0.95), np.zeros((1, 1)), np.zeros((1, 1)))
+    places = np.array([0.0, 0.03])
+    drifted = match_template(template, GRID, CAMERA, placement, places, column(0.02, -0.05))
+    for row, drift in enumerate((0.02, -0.05)):
+        single = FacePlacement(placement.scale[row : row + 1], np.zeros((1, 1)), np.zeros((1, 1)))
+        np.testing.assert_allclose(
+            drifted[row], match_template(template, GRID, CAMERA, single, places + drift)[0], atol=1e-6
+        )
+
+
+def test_a_face_shifted_by_an_opening_scores_less(epal: PalletModel, draw_face: Draw) -> None:
+    view = draw_face(epal, GRID, CAMERA)
+    score = match_template(template_of(view, epal), GRID, CAMERA, here(), np.array([0.0, 0.5275, -0.5275]))[0]
+    assert score[0] > max(score[1:]) + 0.2
+
+
+def test_beyond_the_view_there_is_no_error(epal: PalletModel, draw_face: Draw) -> None:
+    view = draw_face(epal, GRID, CAMERA)
+    score = match_template(template_of(view, epal), GRID, CAMERA, here(height=3.0), np.array([-40.0, 40.0]))
+    assert np.isfinite(score).all()
+    assert score.max() < 0.3
+
+
+def test_where_rounded_edges_are_seen_is_taken_into_account(t11: PalletModel) -> None:
+    blank = np.zeros((GRID.rows, GRID.columns), np.float32)
+    energy = EdgeEnergy(blank, blank)
+    drawn, seen = (face_template(t11, energy, RESOLUTION, camera) for camera in (None, CAMERA))
+    moved = [(b.right - a.right, b.up - a.up) for a, b in zip(drawn, seen, strict=True) if a.weight > 0]
+    assert max(np.hypot(*shift) for shift in moved) > 0.1 * t11.edge_radius
+    assert max(np.hypot(*shift) for shift in moved) < 2 * t11.edge_radius

@@ -82,6 +82,11 @@ class Detection:
     contrast: float
     """How clearly openings differ from blocks there; about 1 or less where there is no pallet."""
 
+    @property
+    def promise(self) -> float:
+        """How likely it is a pallet: a rank among detections."""
+        return self.score * min(self.contrast, CLEAR_CONTRAST)
+
 
 @dataclass(frozen=True, slots=True)
 class ShelfView:
@@ -152,12 +157,7 @@ def detect(
         smooth = smoothed(seen.view.image, seen.view.grid)
         for model in models:
             detections += [_looked_at(one, seen, smooth) for one in _match(seen, energy, model, level, config)]
-    return sorted(detections, key=_standing), views
-
-
-def _standing(detection: Detection) -> float:
-    """Return the key that puts what is most likely a pallet first."""
-    return -detection.score * min(detection.contrast, CLEAR_CONTRAST)
+    return sorted(detections, key=lambda one: -one.promise), views
 
 
 def view_shelf(

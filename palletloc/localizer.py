@@ -153,7 +153,7 @@ class Localizer:
         )
         candidates = [self._detected(detection) for detection in detections]
         for i, (candidate, detection) in enumerate(zip(candidates, detections, strict=True)):
-            self._measure(shot, candidate, detection.contrast, candidates[:i])
+            self._measure(shot, candidate, detection.promise, candidates[:i])
         exclude_overlaps(candidates)
         return Explanation(time, file, tuple(views), tuple(detections), tuple(candidates))
 
@@ -212,14 +212,14 @@ class Localizer:
         return candidate
 
     def _measure(
-        self, shot: ShotView, candidate: Candidate, contrast: float, before: Sequence[Candidate]
+        self, shot: ShotView, candidate: Candidate, promise: float, before: Sequence[Candidate]
     ) -> None:
         """Measure a detection unless a pallet that is beyond doubt stands there."""
         certain = (one for one in before if one.refusal is None and one.rank >= self.config.verification.certain)
         for one in certain:
             if one.pose and overlapping(one.pose, one.model, candidate.start, candidate.model):
                 return candidate.refuse(Stage.DETECTION, Reason.OVERLAP)
-        if contrast < self.config.verification.first_contrast:
+        if promise < self.config.verification.min_promise:
             return candidate.refuse(Stage.DETECTION, Reason.LOW_CONTRAST)
         return METHODS[self.method](shot, candidate, self.config)
 

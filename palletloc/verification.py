@@ -25,8 +25,8 @@ class VerificationConfig:
 
     min_coverage: float = 0.45
     """Least part of the face's edges, by length."""
-    first_contrast: float = 0.6
-    """Least contrast of openings and blocks where a pallet was detected, in spreads of the blocks."""
+    min_promise: float = 0.45
+    """Least product of a detection's score and its contrast for it to be measured."""
     min_contrast: float = 2.0
     """Least difference of openings and blocks, in spreads of the blocks."""
     min_rank: float = 0.40

@@ -48,7 +48,7 @@ class Picture:
 
 
 def name_candidates(explanation: Explanation) -> Named:
-    """Give candidates short names: P1, P2, ... to pallets from left to right, C1, C2, ... to what was given up.
+    """Give candidates short names: P1, P2, ... to pallets from left to right, C1, C2, ... to the others.
 
     Parameters
     ----------
@@ -102,7 +102,8 @@ def stage_pictures(
         yield Picture(
             "1-shelf", "Where pallets were looked for, and where they were found", ".png", png(figure)
         )
-    steps = [(name, one) for name, one in named if one.refusal is None or with_refused]
+    drawable = [(name, one) for name, one in named if np.isfinite(one.start.as_array()).all()]
+    steps = [(name, one) for name, one in drawable if one.refusal is None or with_refused]
     yield from _candidate_pictures(steps, shot)
     yield from _overlay_pictures(steps, shot)
     placed = [

@@ -1,0 +1,172 @@
+"""The command ``palletloc explain``."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from palletloc.candidate import Candidate, ShotView
+from palletloc.config import LocalizerConfig, Method
+from palletloc.errors import PalletLocError
+from palletloc.io.atomic import write_bytes, write_text
+from palletloc.io.config_file import read_config
+from palletloc.io.explanation import explanation_document
+from palletloc.io.starts import ShotStarts
+from palletloc.localizer import Explanation
+from palletloc.offline import Job, ShotError, read_job, shelf_at
+
+NUMBERS = "explain.json"
+"""Name of the file with the numbers."""
+_OURS = re.compile(
+    r"(1-shelf|2-yaw-\w+|3-position-\w+|4-face-\w+|5-overlay|5-overlay-whole|6-plan)\.(png|jpg)"
+)
+
+
+def explain(
+    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="Folder of the recording.")],
+    shot: Annotated[int, typer.Option(metavar="I", help="Number of the shot; the first is 0.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the pictures; made if missing.")],
+    initial: Annotated[
+        Path | None,
+        typer.Option(metavar="CSV", help="Start from these poses instead of detecting pallets."),
+    ] = None,
+    method: Annotated[Method, typer.Option(help="How poses are measured.")] = Method.HORIZONTAL_PLANE,
+    config: Annotated[
+        Path | None,
+        typer.Option(metavar="YAML", help="Parameters of your own; see palletloc config."),
+    ] = None,
+    refused: Annotated[
+        bool, typer.Option("--refused", help="Draw the steps of what was given up, too.")
+    ] = False,
+) -> None:
+    """Draw every stage of the localization of one shot.
+
+    Writes pictures, numbered in the order of the stages, and explain.json with all numbers. Pictures that an
+    earlier call left in the folder are replaced.
+    """
+    parameters = LocalizerConfig() if config is None else read_config(config)
+    job = read_job(recording, method, parameters, initial)
+    image, explanation = _single(job, shot).explain(0)
+    view = ShotView(
+        image,
+        job.localizer.projector,
+        job.localizer.mounting,
+        job.localizer.mounting.forklift_from_camera.inv(),
+    )
+    console = Console()
+    with console.status("Drawing"):
+        named = write_explanation(job, explanation, view, out, with_refused=refused or initial is not None)
+    console.print(_table(named))
+    _print_refusals(console, explanation)
+    console.print(Text(f"pictures and {NUMBERS}: {out}"), soft_wrap=True)
+
+
+def _single(job: Job, number: int) -> Job:
+    """Return the job reduced to one shot of the recording."""
+    shots = job.recording.shots
+    if not 0 <= number < len(shots):
+        raise PalletLocError(
+            f"--shot {number}: {job.recording.folder} has {len(shots)} shots; expected 0 to {len(shots) - 1}"
+        )
+    shot = shots[number]
+    if job.given is None:
+        return replace(job, recording=replace(job.recording, shots=(shot,)))
+    starts = tuple(start for one in job.given if one.shot == shot for start in one.starts)
+    if not starts:
+        raise PalletLocError(f"--shot {number}: no start has the time of this shot, {shot.time:.6g} s")
+    return replace(job, given=(ShotStarts(shot, starts),))
+
+
+def write_explanation(
+    job: Job, explanation: Explanation, view: ShotView, out: Path, *, with_refused: bool
+) -> tuple[tuple[str, Candidate], ...]:
+    """Write the pictures and the numbers of a shot.
+
+    Parameters
+    ----------
+    job : Job
+        The recording and its localizer.
+    explanation : Explanation
+        What was found.
+    view : ShotView
+        The shot.
+    out : Path
+        Folder for the files; made if missing.
+    with_refused : bool
+        Whether to draw the steps of what was given up.
+
+    Returns
+    -------
+    tuple of (str, Candidate)
+        The candidates with the names that the pictures give them.
+    """
+    from palletloc.drawing.stages import name_candidates, stage_pictures  # matplotlib is slow to import
+
+    shelf = None
+    with suppress(ShotError):  # with given starts, a shot can do without odometry
+        shelf = shelf_at(job.recording, explanation.time, job.localizer.config.prior)
+    named = name_candidates(explanation)
+    document = explanation_document(explanation, named, str(job.localizer.method))
+    written = {}
+    for picture in stage_pictures(explanation, view, shelf, with_refused=with_refused):
+        write_bytes(out / picture.file, picture.content)
+        written[picture.file] = picture.caption
+    document["pictures"] = [{"file": file, "shows": caption} for file, caption in written.items()]
+    write_text(out / NUMBERS, json.dumps(document, indent=1, allow_nan=False) + "\n")
+    for path in _left_over(out):
+        if path.name not in written:
+            path.unlink()
+    return named
+
+
+def _left_over(out: Path) -> Iterator[Path]:
+    """Yield the pictures in a folder that this command may have written."""
+    yield from (path for path in out.iterdir() if _OURS.fullmatch(path.name))
+
+
+def _table(named: tuple[tuple[str, Candidate], ...]) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table.add_column("pallet", no_wrap=True)
+    table.add_column("model", no_wrap=True)
+    for column in ("x (m)", "y (m)", "z (m)", "yaw (\N{DEGREE SIGN})", "score"):
+        table.add_column(column, justify="right", no_wrap=True)
+    table.add_column("yaw from", no_wrap=True)
+    for name, one in named:
+        if one.refusal is not None or one.pose is None or one.covariance is None:
+            continue
+        sigma = np.sqrt(np.diag(one.covariance))
+        lengths = zip((one.pose.x, one.pose.y, one.pose.z), sigma, strict=False)
+        table.add_row(
+            name,
+            Text(one.model.name),
+            *(_with_sigma(value, spread) for value, spread in lengths),
+            _with_sigma(np.degrees(one.pose.yaw), np.degrees(sigma[3]), 2),
+            f"{one.rank:.2f}",
+            str(one.yaw_from),
+        )
+    return table
+
+
+def _with_sigma(value: float, sigma: float, decimals: int = 3) -> str:
+    return f"{round(value, decimals) + 0.0:.{decimals}f} \N{PLUS-MINUS SIGN} {sigma:.{decimals}f}"
+
+
+def _print_refusals(console: Console, explanation: Explanation) -> None:
+    """Say how many candidates were given up in which step, and why."""
+    counts = Counter(f"{one.stage}: {one.reason}" for one in explanation.refusals)
+    total = sum(counts.values())
+    listed = ", ".join(f"{count} {reason}" for reason, count in counts.most_common())
+    console.print(Text(f"given up: {total} ({listed})" if total else "given up: none"), soft_wrap=True)

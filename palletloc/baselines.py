@@ -9,11 +9,12 @@ import numpy as np
 from palletloc.candidate import Candidate, ShotView
 from palletloc.config import LocalizerConfig
 from palletloc.geometry import FloatArray, LevelPose, wrap_angle
+from palletloc.horizontal_view import view_horizontal
 from palletloc.joint_search import search_jointly
 from palletloc.measurement import Reason, Stage, YawSource
 from palletloc.pipeline import horizontal_plane_for, nearest_line
 from palletloc.position import sweep
-from palletloc.yaw import find_lines, view_horizontal
+from palletloc.yaw import find_lines
 
 NEAR_PEAK = 0.95
 """Hypotheses that score this part of the best one are taken for as good: the spread of the covariance."""
@@ -48,7 +49,14 @@ def measure_as_in_paper(shot: ShotView, candidate: Candidate, config: LocalizerC
         candidate.lines = [line]
         pose = replace(pose, yaw=wrap_angle(pose.yaw + line.turn))
     swept = sweep(
-        shot.projector, shot.image, shot.camera_from_forklift, pose, candidate.model, None, True, config.position
+        shot.projector,
+        shot.image,
+        shot.camera_from_forklift,
+        pose,
+        candidate.model,
+        None,
+        True,
+        config.position,
     )
     if isinstance(swept, Reason):
         return candidate.refuse(Stage.POSITION, swept)
@@ -76,7 +84,12 @@ def measure_jointly(shot: ShotView, candidate: Candidate, config: LocalizerConfi
         Parameters.
     """
     found = search_jointly(
-        shot.projector, shot.image, shot.camera_from_forklift, candidate.start, candidate.model, config.joint_search
+        shot.projector,
+        shot.image,
+        shot.camera_from_forklift,
+        candidate.start,
+        candidate.model,
+        config.joint_search,
     )
     if isinstance(found, Reason):
         return candidate.refuse(Stage.POSITION, found)
@@ -90,7 +103,9 @@ def measure_jointly(shot: ShotView, candidate: Candidate, config: LocalizerConfi
     return None
 
 
-def _spread(shot: ShotView, pose: LevelPose, depth_range: float, resolution: float, yaw_sigma: float) -> FloatArray:
+def _spread(
+    shot: ShotView, pose: LevelPose, depth_range: float, resolution: float, yaw_sigma: float
+) -> FloatArray:
     """Return the covariance of a pose that is uncertain along its viewing ray, by a pixel across it, and in yaw."""
     ray = np.array([pose.x, pose.y, pose.z]) - shot.mounting.center
     into = np.array([np.cos(pose.yaw), np.sin(pose.yaw), 0.0])

@@ -10,7 +10,7 @@ from skimage.feature import canny
 from skimage.filters import threshold_otsu
 from skimage.transform import hough_line, hough_line_peaks
 
-from palletloc.geometry import BoolArray, FloatArray
+from palletloc.geometry import BoolArray, Image
 from palletloc.plane import PlaneView
 
 MIN_VOTES = 0.3
@@ -50,7 +50,9 @@ def boundary_lines(view: PlaneView, two_region: bool, max_turn: float, step: flo
     list of BoundaryLine
         By votes, most first; empty where there is none.
     """
-    gray = view.image if view.image.ndim == 2 else cv2.cvtColor(view.image, cv2.COLOR_BGR2GRAY)
+    gray = view.image
+    if gray.ndim == 3:
+        gray = np.asarray(cv2.cvtColor(gray, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
     points = _two_region_boundary(gray) if two_region else canny(gray, sigma=1.5)
     points &= view.valid
     count = int(np.ceil(max_turn / step))
@@ -70,7 +72,7 @@ def _line(view: PlaneView, normal: float, rho: float, votes: int) -> BoundaryLin
     return BoundaryLine(np.pi / 2 - normal, float(view.grid.top - row * view.grid.resolution), votes)
 
 
-def _two_region_boundary(gray: FloatArray) -> BoolArray:
+def _two_region_boundary(gray: Image) -> BoolArray:
     """Return the first pixel of the far region in each column, scanned from the aisle."""
     far = gray > threshold_otsu(gray)
     near_is_bright = far[-gray.shape[0] // 4 :].mean() > 0.5

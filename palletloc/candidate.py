@@ -9,6 +9,7 @@ from scipy.spatial.transform import RigidTransform
 from palletloc.boundary import BoundaryLine
 from palletloc.face_fit import FaceEstimate
 from palletloc.geometry import FloatArray, Image, LevelPose
+from palletloc.horizontal_view import HorizontalView
 from palletloc.joint_search import JointSearch
 from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
 from palletloc.mounting import Mounting
@@ -16,7 +17,7 @@ from palletloc.pallet import PalletModel
 from palletloc.position import Sweep
 from palletloc.projection import Projector
 from palletloc.verification import Verification
-from palletloc.yaw import HorizontalView, YawEstimate
+from palletloc.yaw import YawEstimate
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from palletloc.detection import DetectionConfig
 from palletloc.face_fit import FaceFitConfig
+from palletloc.horizontal_view import YawConfig
 from palletloc.joint_search import JointSearchConfig
 from palletloc.position import PositionConfig
+from palletloc.shelf_view import DetectionConfig
 from palletloc.verification import VerificationConfig
-from palletloc.yaw import YawConfig
 
 
 class Method(StrEnum):

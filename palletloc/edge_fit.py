@@ -58,7 +58,12 @@ class EdgeFit:
 
 
 def edge_peaks(
-    gradient: Energy, grid: PlaneGrid, starts: FloatArray, ends: FloatArray, across: FloatArray, reach: FloatArray
+    gradient: Energy,
+    grid: PlaneGrid,
+    starts: FloatArray,
+    ends: FloatArray,
+    across: FloatArray,
+    reach: FloatArray,
 ) -> EdgePeaks:
     """Find the strongest true local maximum of the gradient on each cut across each edge.
 
@@ -90,15 +95,19 @@ def edge_peaks(
     base = grid.pixels(starts[:, None] + fraction[:, None] * (ends - starts)[:, None])
     step = np.broadcast_to(across, starts.shape) * np.array([1.0, -1.0]) / grid.resolution
     cuts = (base[:, :, None] + offsets[:, None] * step[:, None, None]).astype(np.float32)
-    shape = cuts.shape[:3]
-    profile = cv2.remap(
-        gradient, cuts.reshape(-1, shape[2], 2), None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-    ).reshape(shape)
+    count, steps = cuts.shape[1:3]
+    flat = np.ascontiguousarray(cuts.reshape(-1, steps, 2))
+    profile = np.asarray(
+        cv2.remap(gradient, flat[..., 0], flat[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE),
+        dtype=np.float32,
+    ).reshape(-1, count, steps)
     left, middle, right = profile[..., :-2], profile[..., 1:-1], profile[..., 2:]
     within = np.abs(offsets[1:-1]) <= reach[:, None, None] + 1e-9
     peak = np.where((middle > left) & (middle >= right) & within, middle, np.float32(0.0))
     best = peak.argmax(axis=2)[..., None]
-    a, b, c = (np.take_along_axis(part, best, axis=2)[..., 0].astype(np.float64) for part in (left, middle, right))
+    a, b, c = (
+        np.take_along_axis(part, best, axis=2)[..., 0].astype(np.float64) for part in (left, middle, right)
+    )
     shift = np.clip(0.5 * (a - c) / np.minimum(a - 2 * b + c, -1e-9), -0.5, 0.5)
     return EdgePeaks(
         (fraction - 0.5) * length[:, None],

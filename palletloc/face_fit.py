@@ -40,6 +40,8 @@ class FaceFitConfig:
     """Up to how many missing or contradicting edges a pose is taken without trying another."""
     min_edges: int = 5
     """Fewest edges that must be seen."""
+    max_sigma: float = 0.5
+    """Largest standard deviation of a position that is worth reporting, in metres."""
     small_motion: float = 0.001
     """Below which motion, in metres and radians, the face is not viewed again."""
     slope_error_px: float = 0.15
@@ -139,6 +141,8 @@ def fit_face(
             system.add_slopes(config.slope_error_px)
             system.add_turn(-turned, yaw_spread)
         solution = system.solve()
+        if float(np.sqrt(solution.covariance[:3, :3].diagonal().max())) > config.max_sigma:
+            return Reason.FEW_EDGES
         estimate = _estimate(seen, pose, model, solution)
         pose = estimate.forklift_from_pallet
         if np.abs(solution.motion).max() < config.small_motion and reach <= config.reach:
@@ -157,11 +161,15 @@ def _estimate(seen: FaceView, pose: LevelPose, model: PalletModel, solution: Fac
     )
     forklift_from_face = np.array([[sin, 0, cos, 0], [-cos, 0, sin, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
     covariance = forklift_from_face @ solution.covariance @ forklift_from_face.T
-    return FaceEstimate(moved, covariance, seen, solution.weights, _coverage(seen, model, solution), solution.chi2)
+    return FaceEstimate(
+        moved, covariance, seen, solution.weights, _coverage(seen, model, solution), solution.chi2
+    )
 
 
 def _coverage(seen: FaceView, model: PalletModel, solution: FaceSolution) -> float:
-    lines = [line.whole for line in visible_lines(model, seen.plane_from_camera) if not seen.loaded(line.whole)]
+    lines = [
+        line.whole for line in visible_lines(model, seen.plane_from_camera) if not seen.loaded(line.whole)
+    ]
     covered = sum(
         one.edge.length * one.fit.coverage
         for one, weight in zip(seen.edges, solution.weights, strict=True)

@@ -60,7 +60,9 @@ class FaceSystem:
         self._axes, self._origin = forklift_from_plane[:3, :3], forklift_from_plane[:3, 3]
         middles = np.array([one.edge.middle for one in seen.edges])
         outward = np.array([one.edge.outward for one in seen.edges])
-        shared = np.array([0.0 if one.edge.horizontal else _SHARED_PART * one.shift.sigma for one in seen.edges])
+        shared = np.array(
+            [0.0 if one.edge.horizontal else _SHARED_PART * one.shift.sigma for one in seen.edges]
+        )
         own = np.array([one.shift.sigma for one in seen.edges])
         sigma = np.sqrt(np.array([one.sigma for one in seen.edges]) ** 2 + own**2 - shared**2)
         offsets = np.einsum("ni,nij->nj", outward, self._image_motion(middles))
@@ -86,7 +88,9 @@ class FaceSystem:
 
     def _slopes(self, ups: FloatArray) -> FloatArray:
         """Return what each unknown does to the slopes of level lines, (n, unknowns)."""
-        ends = [self._image_motion(np.stack([np.full_like(ups, right), ups], axis=1)) for right in (-0.5, 0.5)]
+        ends = [
+            self._image_motion(np.stack([np.full_like(ups, right), ups], axis=1)) for right in (-0.5, 0.5)
+        ]
         return np.asarray(ends[1][:, 1] - ends[0][:, 1])
 
     def _add(self, rows: FloatArray, values: FloatArray, robust: bool) -> None:
@@ -140,7 +144,7 @@ class FaceSystem:
         rows, values, robust = (np.concatenate(part) for part in (self._rows, self._values, self._robust))
         weights = np.ones(len(values))
         for _ in range(15):
-            normal = rows.T @ (weights[:, None] * rows)
+            normal = rows.T @ (weights[:, None] * rows) + _TINY * np.eye(_UNKNOWNS)
             solution = np.linalg.solve(normal, rows.T @ (weights * values))
             residual = values - rows @ solution
             spread = max(1.0, 1.4826 * float(np.median(np.abs(residual[robust]))))

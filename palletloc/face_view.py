@@ -192,7 +192,9 @@ def _blurred(edge: FaceEdge, model: PalletModel, pixel: float) -> float:
     """Return what an offset is uncertain by beyond its scatter: edges a few pixels apart draw each other's peaks."""
     ups = {line.whole.start[1] for line in face_lines(model) if line.whole.horizontal}
     gaps = [abs(up - edge.start[1]) for up in ups if up != edge.start[1]] if edge.horizontal else []
-    return pixel * (PIXEL_ERROR + NEIGHBOUR_ERROR * float(np.exp(-min(gaps, default=np.inf) / (NEIGHBOUR_PIXELS * pixel))))
+    return pixel * (
+        PIXEL_ERROR + NEIGHBOUR_ERROR * float(np.exp(-min(gaps, default=np.inf) / (NEIGHBOUR_PIXELS * pixel)))
+    )
 
 
 def _peaks(
@@ -222,5 +224,8 @@ def _peaks(
 
 
 def _gradient(seen: FaceView, horizontal: bool, pixel: tuple[float, float]) -> Energy:
-    sigma = [factor * size / seen.view.grid.resolution for factor, size in zip(SMOOTHING_PIXELS, pixel, strict=True)]
+    sigma = [
+        factor * size / seen.view.grid.resolution
+        for factor, size in zip(SMOOTHING_PIXELS, pixel, strict=True)
+    ]
     return gradient_across(seen.view.image, horizontal, *sigma)

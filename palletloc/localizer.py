@@ -11,7 +11,7 @@ from palletloc.baselines import measure_as_in_paper, measure_jointly
 from palletloc.cameras.protocol import CameraModel
 from palletloc.candidate import Candidate, ShotView
 from palletloc.config import LocalizerConfig, Method
-from palletloc.detection import Detection, ShelfView, detect
+from palletloc.detection import Detection, detect
 from palletloc.geometry import Image, LevelPose
 from palletloc.measurement import HeightPrior, PalletMeasurement, Reason, Refusal, Stage
 from palletloc.mounting import Mounting
@@ -19,6 +19,7 @@ from palletloc.pallet import PalletModel
 from palletloc.pipeline import measure_on_planes
 from palletloc.projection import Projector
 from palletloc.shelf import ShelfPlane
+from palletloc.shelf_view import ShelfView
 from palletloc.verification import overlapping
 
 Measure = Callable[[ShotView, Candidate, LocalizerConfig], None]
@@ -77,7 +78,13 @@ def measurement_of(candidate: Candidate, time: float, file: str) -> PalletMeasur
     if candidate.refusal is not None or candidate.pose is None or candidate.covariance is None:
         return None
     return PalletMeasurement(
-        time, candidate.model.name, candidate.pose, candidate.covariance, candidate.rank, candidate.yaw_from, file
+        time,
+        candidate.model.name,
+        candidate.pose,
+        candidate.covariance,
+        candidate.rank,
+        candidate.yaw_from,
+        file,
     )
 
 
@@ -119,7 +126,9 @@ class Localizer:
         self.method = method
         self.config = config or LocalizerConfig()
 
-    def localize(self, image: Image, time: float, shelf: ShelfPlane, file: str = "") -> list[PalletMeasurement]:
+    def localize(
+        self, image: Image, time: float, shelf: ShelfPlane, file: str = ""
+    ) -> list[PalletMeasurement]:
         """Find every pallet on a shelf.
 
         Parameters
@@ -194,13 +203,17 @@ class Localizer:
         return ShotView(image, self.projector, self.mounting, self.mounting.forklift_from_camera.inv())
 
     def _detected(self, detection: Detection) -> Candidate:
-        height = None if detection.level is None else HeightPrior(detection.level, self.config.prior.level_sigma)
+        height = (
+            None if detection.level is None else HeightPrior(detection.level, self.config.prior.level_sigma)
+        )
         return Candidate(detection.model, detection.forklift_from_pallet, height, detection.score)
 
     def _given(self, start: Start, levels: Sequence[float]) -> Candidate:
         pose, prior = start.forklift_from_pallet, self.config.prior
         near = [level for level in levels if abs(level - pose.z) <= prior.level_reach]
-        height = HeightPrior(min(near, key=lambda level: abs(level - pose.z)), prior.level_sigma) if near else None
+        height = (
+            HeightPrior(min(near, key=lambda level: abs(level - pose.z)), prior.level_sigma) if near else None
+        )
         model = self.models.get(start.model)
         # an unknown model is refused before its face matters: any face will do
         stand_in = replace(next(iter(self.models.values())), name=start.model)
@@ -215,7 +228,9 @@ class Localizer:
         self, shot: ShotView, candidate: Candidate, promise: float, before: Sequence[Candidate]
     ) -> None:
         """Measure a detection unless a pallet that is beyond doubt stands there."""
-        certain = (one for one in before if one.refusal is None and one.rank >= self.config.verification.certain)
+        certain = (
+            one for one in before if one.refusal is None and one.rank >= self.config.verification.certain
+        )
         for one in certain:
             if one.pose and overlapping(one.pose, one.model, candidate.start, candidate.model):
                 return candidate.refuse(Stage.DETECTION, Reason.OVERLAP)

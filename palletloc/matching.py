@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -40,7 +41,7 @@ def component_gradients(image: Image) -> tuple[Energy, Energy]:
     smooth = cv2.GaussianBlur(image, (3, 3), 0.8)
     across = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=1, scale=0.5)
     down = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=1, scale=0.5)
-    return _strongest(across), _strongest(down)
+    return _strongest(np.asarray(across)), _strongest(np.asarray(down))
 
 
 def gradient_across(image: Image, horizontal: bool, across_px: float, along_px: float) -> Energy:
@@ -69,18 +70,22 @@ def gradient_across(image: Image, horizontal: bool, across_px: float, along_px: 
     gradient = cv2.Sobel(smooth, cv2.CV_32F, *order, ksize=1, scale=0.5)
     if gradient.ndim == 2:
         return np.abs(gradient)
-    return np.asarray(cv2.sqrt(cv2.transform(gradient * gradient, np.ones((1, 3), np.float32))), dtype=np.float32)
+    return np.asarray(
+        cv2.sqrt(cv2.transform(gradient * gradient, np.ones((1, 3), np.float32))), dtype=np.float32
+    )
 
 
-def _strongest(gradient: Energy) -> Energy:
-    magnitude = np.abs(gradient)
+def _strongest(gradient: NDArray[Any]) -> Energy:
+    magnitude = np.abs(gradient.astype(np.float32, copy=False))
     if magnitude.ndim == 2:
         return magnitude
     blue, green, red = cv2.split(magnitude)
     return np.asarray(cv2.max(cv2.max(blue, green), red), dtype=np.float32)
 
 
-def edge_energy(image: Image, window: tuple[int, int], saturation: float = 2.5, dilation: int = 1) -> EdgeEnergy:
+def edge_energy(
+    image: Image, window: tuple[int, int], saturation: float = 2.5, dilation: int = 1
+) -> EdgeEnergy:
     """Return edge energy that does not depend on light and contrast.
 
     Each gradient is split by direction, divided by the local mean, saturated and widened by ``dilation`` pixels,

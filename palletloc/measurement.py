@@ -63,8 +63,6 @@ class Reason(StrEnum):
     """The face is farther away than ``max_range``."""
     NO_LINE = "no_line"
     """No boundary line was found on the horizontal plane and the face gives no yaw either."""
-    LINES_DISAGREE = "lines_disagree"
-    """The lines of one face give yaws that contradict each other."""
     NO_PEAK = "no_peak"
     """The sweep's best position lies at the end of its reach or nowhere."""
     FEW_EDGES = "few_edges"

@@ -11,7 +11,6 @@ from time import perf_counter
 import numpy as np
 
 from palletloc.config import LocalizerConfig, Method, PriorConfig
-from palletloc.detection import ShelfPlaneError
 from palletloc.errors import PalletLocError, nearest_name
 from palletloc.geometry import Image
 from palletloc.io.csv_table import read_rows, shortened
@@ -22,6 +21,7 @@ from palletloc.io.starts import START_COLUMNS, ShotStarts, read_starts
 from palletloc.localizer import Explanation, Localizer, Start, measurement_of
 from palletloc.measurement import PalletMeasurement
 from palletloc.shelf import ShelfPlane
+from palletloc.shelf_view import ShelfPlaneError
 from palletloc.trajectory import TrajectoryError
 
 

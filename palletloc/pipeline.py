@@ -9,15 +9,16 @@ import numpy as np
 
 from palletloc.boundary import BoundaryLine
 from palletloc.candidate import Candidate, ShotView
-from palletloc.contrast import face_contrast
 from palletloc.config import LocalizerConfig
+from palletloc.contrast import face_contrast
 from palletloc.face_fit import YawPrior, fit_face
 from palletloc.face_view import view_face
 from palletloc.geometry import LevelPose, wrap_angle
+from palletloc.horizontal_view import horizontal_source, view_horizontal
 from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
 from palletloc.position import sweep
 from palletloc.verification import verify
-from palletloc.yaw import find_lines, horizontal_source, measure_line, measure_yaw, view_horizontal
+from palletloc.yaw import find_lines, measure_line, measure_yaw
 
 GLANCE_RESOLUTION = 0.006
 """Metres per pixel of the view that tells most places from a pallet at a glance."""
@@ -137,9 +138,7 @@ def horizontal_plane_for(shot: ShotView, candidate: Candidate, config: Localizer
     return horizontal_source(candidate.model, z, distance, config.yaw)
 
 
-def _line_yaw(
-    shot: ShotView, candidate: Candidate, source: YawSource, config: LocalizerConfig
-) -> LevelPose:
+def _line_yaw(shot: ShotView, candidate: Candidate, source: YawSource, config: LocalizerConfig) -> LevelPose:
     """Turn the start by the boundary line next to the view's centre, found by Hough and measured by its peaks."""
     start = candidate.start
     if source is YawSource.FACE:

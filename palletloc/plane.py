@@ -77,9 +77,7 @@ class PlaneGrid:
             raise ValueError(f"a plane grid needs a positive resolution and size, got {self}")
 
     @classmethod
-    def spanning(
-        cls, left: float, right: float, bottom: float, top: float, resolution: float
-    ) -> PlaneGrid:
+    def spanning(cls, left: float, right: float, bottom: float, top: float, resolution: float) -> PlaneGrid:
         """Return the grid that covers a rectangle, both edges included.
 
         Parameters

@@ -30,6 +30,7 @@ from palletloc.offline import Job, ShotError, read_job, shelf_at
 
 NUMBERS = "explain.json"
 """Name of the file with the numbers."""
+_PM, _DEGREE = "\N{PLUS-MINUS SIGN}", "\N{DEGREE SIGN}"
 _OURS = re.compile(
     r"(1-shelf|2-yaw-\w+|3-position-\w+|4-face-\w+|5-overlay|5-overlay-whole|6-plan)\.(png|jpg)"
 )
@@ -139,29 +140,25 @@ def _left_over(out: Path) -> Iterator[Path]:
 
 def _table(named: tuple[tuple[str, Candidate], ...]) -> Table:
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    table.add_column("pallet", no_wrap=True)
-    table.add_column("model", no_wrap=True)
-    for column in ("x (m)", "y (m)", "z (m)", "yaw (\N{DEGREE SIGN})", "score"):
-        table.add_column(column, justify="right", no_wrap=True)
-    table.add_column("yaw from", no_wrap=True)
+    table.add_column("", no_wrap=True)
+    table.add_column("model")
+    for heading in ("x m", "y m", "z m", f"{_PM} mm", f"yaw {_DEGREE}", f"{_PM} {_DEGREE}"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("yaw from")
     for name, one in named:
         if one.refusal is not None or one.pose is None or one.covariance is None:
             continue
         sigma = np.sqrt(np.diag(one.covariance))
-        lengths = zip((one.pose.x, one.pose.y, one.pose.z), sigma, strict=False)
         table.add_row(
             name,
             Text(one.model.name),
-            *(_with_sigma(value, spread) for value, spread in lengths),
-            _with_sigma(np.degrees(one.pose.yaw), np.degrees(sigma[3]), 2),
-            f"{one.rank:.2f}",
+            *(f"{round(value, 3) + 0.0:.3f}" for value in (one.pose.x, one.pose.y, one.pose.z)),
+            ", ".join(f"{1000 * value:.0f}" for value in sigma[:3]),
+            f"{np.degrees(one.pose.yaw):.2f}",
+            f"{np.degrees(sigma[3]):.2f}",
             str(one.yaw_from),
         )
     return table
-
-
-def _with_sigma(value: float, sigma: float, decimals: int = 3) -> str:
-    return f"{round(value, decimals) + 0.0:.{decimals}f} \N{PLUS-MINUS SIGN} {sigma:.{decimals}f}"
 
 
 def _print_refusals(console: Console, explanation: Explanation) -> None:

@@ -26,10 +26,11 @@ from palletloc.drawing.canvas import (
 from palletloc.drawing.outline import seen_on_plane, stretches_of
 from palletloc.face import EdgeKind, edge_shift
 from palletloc.geometry import FloatArray
+from palletloc.horizontal_view import HorizontalView
 from palletloc.measurement import YawSource
 from palletloc.pallet import PalletModel
 from palletloc.pipeline import nearest_line
-from palletloc.yaw import HorizontalView, YawVote
+from palletloc.yaw import YawVote
 
 EDGE_NAMES = {
     EdgeKind.BOTTOM: "lower edge",
@@ -76,7 +77,7 @@ def horizontal_figure(name: str, candidate: Candidate) -> Figure:
     if not candidate.horizontal:
         raise ValueError(f"candidate {name} has no horizontal view to draw")
     first, last = candidate.horizontal[0], candidate.horizontal[-1]
-    # without votes, the lines are those of the last view
+    # without votes, the lines belong to the last view
     only_lines = candidate.yaw is None
     views = [last] if only_lines else [first, last]
     sizes = [_size(seen) for seen in views]
@@ -88,7 +89,8 @@ def horizontal_figure(name: str, candidate: Candidate) -> Figure:
         axes = add_axes(figure, _LEFT, top + _TITLE, width, height)
         show_view(axes, seen.view)
         is_found = only_lines or i == 0
-        text = _draw_found(axes, candidate.lines) if is_found else _draw_votes(axes, seen, candidate)
+        placed = "first" if seen is first else "last"
+        text = _draw_found(axes, candidate.lines, placed) if is_found else _draw_votes(axes, seen, candidate)
         add_text(figure, _LEFT, top + 6, text, size=10.5)
         axes.set(ylabel="into the shelf (m)", xlabel="to the right of the face's middle (m)")
         add_legend(figure, top + _TITLE + height + _AXIS, axes, columns=4)
@@ -103,7 +105,7 @@ def _size(seen: HorizontalView) -> tuple[float, float]:
     return width, width / aspect
 
 
-def _draw_found(axes: Axes, lines: Sequence[BoundaryLine]) -> str:
+def _draw_found(axes: Axes, lines: Sequence[BoundaryLine], placed: str) -> str:
     """Draw what the Hough transform found, and return what that means."""
     axes.axhline(
         0.0, color="white", linewidth=1.0, linestyle=(0, (6, 5)), path_effects=[_HALO], label="expected edge"
@@ -122,10 +124,11 @@ def _draw_found(axes: Axes, lines: Sequence[BoundaryLine]) -> str:
             label="line nearest to it" if best else "other lines of the Hough transform",
         )
     if chosen is None:
-        return "As first placed: the Hough transform found no line"
+        return f"As {placed} placed: the Hough transform found no line"
+    turn = np.degrees(chosen.turn).round(2) + 0.0
     return (
-        f"As first placed: {len(lines)} lines found; the nearest long one is turned by"
-        f" {np.degrees(chosen.turn):+.2f}\N{DEGREE SIGN} against the view's centre line"
+        f"As {placed} placed: the long line that is nearest to the expected edge is turned against it by"
+        f" {turn:+.2f}\N{DEGREE SIGN} (Hough transform)"
     )
 
 

@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
 from palletloc.candidate import Candidate
-from palletloc.detection import ShelfView
 from palletloc.drawing.canvas import (
     FAINT,
     GRID,
@@ -29,6 +28,7 @@ from palletloc.drawing.canvas import (
 from palletloc.drawing.outline import place_outline, seen_on_plane
 from palletloc.geometry import FloatArray
 from palletloc.plane import PlaneView
+from palletloc.shelf_view import ShelfView
 
 Named = Sequence[tuple[str, Candidate]]
 """Candidates with the short names that all pictures of a shot give them."""

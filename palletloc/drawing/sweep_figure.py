@@ -41,7 +41,7 @@ def sweep_figure(name: str, candidate: Candidate) -> Figure:
         title = _draw_sweep(axes, candidate)
         axes.grid(color=GRID, linewidth=0.6)
     elif candidate.joint is not None:
-        title = _draw_joint(axes, candidate)
+        title = _draw_joint(figure, axes, candidate)
     else:
         raise ValueError(f"candidate {name} was not searched: there is no score to draw")
     add_text(figure, _LEFT, 14, f"{name}: {title}", size=13, bold=True)
@@ -71,15 +71,17 @@ def _draw_sweep(axes: Axes, candidate: Candidate) -> str:
     return f"the swept plane fits best at {best:+.0f} mm, score {swept.best:.2f}"
 
 
-def _draw_joint(axes: Axes, candidate: Candidate) -> str:
+def _draw_joint(figure: Figure, axes: Axes, candidate: Candidate) -> str:
     found = candidate.joint
     if found is None:
         return ""
     turns = np.degrees(found.turns)
     colors = axes.pcolormesh(found.depths * _MM, turns, found.score, cmap="cividis", shading="nearest")
     axes.set_ylabel("turn of the plane (\N{DEGREE SIGN})")
-    bar = axes.figure.colorbar(colors, ax=axes, pad=0.015, fraction=0.04)
-    bar.set_label("agreement of edges and template", size=10)
+    wide, high = axes.get_position().size
+    axes.set_position((_LEFT / WIDTH_PX, axes.get_position().y0, wide - 0.07, high))
+    scale = add_axes(figure, WIDTH_PX - 80, _HEAD, 16, _HEIGHT)
+    figure.colorbar(colors, cax=scale, label="agreement of edges and template")
     row, column = np.unravel_index(int(found.score.argmax()), found.score.shape)
     depth, turn = float(found.depths[column]) * _MM, float(turns[row])
     axes.plot(depth, turn, "+", color="white", markersize=16, markeredgewidth=2.5)

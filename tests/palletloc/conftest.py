@@ -147,6 +147,23 @@ def photograph() -> Callable[..., ShotView]:
 
 
 @pytest.fixture(scope="session")
+def portrait(photograph: Callable[..., ShotView], narrow_view: CameraModel) -> Callable[..., ShotView]:
+    """Return a function that takes a picture of one pallet with a small camera aimed at it."""
+
+    def aimed(
+        model: PalletModel,
+        pose: LevelPose,
+        center: tuple[float, float, float] = (0.3, -0.08, 1.85),
+        seed: int = 0,
+    ) -> ShotView:
+        x, y, z = np.array([pose.x, pose.y, pose.z + model.height / 2]) - center
+        aim = np.degrees([np.arctan2(y, x), np.arctan2(-z, np.hypot(x, y))])
+        return photograph(((model, pose),), narrow_view, (*center, *aim.tolist(), 0.8), seed=seed)
+
+    return aimed
+
+
+@pytest.fixture(scope="session")
 def floor_pallets(epal: PalletModel, t11: PalletModel) -> tuple[Placed, ...]:
     """Return two pallets on the floor to the left, each a little turned."""
     return (

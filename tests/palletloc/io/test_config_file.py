@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from palletloc.config import LocalizerConfig
 from palletloc.io.config_file import _RANGES, format_config, read_config
 from palletloc.io.reading import InputError
-from palletloc.yaw import BoundaryMethod
+from palletloc.horizontal_view import BoundaryMethod
 
 DEFAULT = LocalizerConfig()
 

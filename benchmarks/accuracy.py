@@ -23,7 +23,7 @@ PARTS = {
     f"{FAR_BELOW} m or more below": (FAR_BELOW, math.inf),
     "other heights": (-math.inf, FAR_BELOW),
 }
-"""Where pallets stand to the camera: least and greatest height of the camera above their lower edge, in metres."""
+"""Least and greatest height of the camera above the pallets' lower edges, in metres."""
 
 _COLUMNS = (
     Column("pallets"),
@@ -31,7 +31,7 @@ _COLUMNS = (
     Column("views"),
     Column("recall", 3),
     Column("false/shot", 2),
-    Column("yaw deg"),
+    Column("yaw deg", 2),
     Column("depth mm"),
     Column("along mm"),
     Column("height mm"),
@@ -76,7 +76,8 @@ def _section(folder: Path, truth: Truth, console: Console) -> Section:
 def _shot_errors(folder: Path, method: Method, truth: Truth, console: Console) -> list[ShotErrors]:
     job = read_job(folder, method)
     measured: list[PalletMeasurement] = []
-    for number in track(range(len(job.shots)), f"{folder.name}, {method}", console=console, transient=True):
+    label, quiet = f"{folder.name}, {method}", not console.is_terminal
+    for number in track(range(len(job.shots)), label, console=console, transient=True, disable=quiet):
         measured += job.explain(number)[1].measurements
     recording = job.recording
     models = load_library() | {model.name: model for model in recording.models}
@@ -98,16 +99,15 @@ def _row(part: str, method: Method, shots: Sequence[ShotErrors]) -> tuple[Value,
         summary.visible,
         summary.recall,
         summary.false_per_shot,
-        _triple(summary.yaw, float(np.degrees(1)), 2),
-        _triple(summary.depth, 1e3, 0),
-        _triple(summary.along, 1e3, 0),
-        _triple(summary.height, 1e3, 0),
+        _triple(summary.yaw, float(np.degrees(1))),
+        _triple(summary.depth, 1e3),
+        _triple(summary.along, 1e3),
+        _triple(summary.height, 1e3),
         summary.nees,
     )
 
 
-def _triple(spread: Spread | None, unit: float, digits: int) -> str | None:
+def _triple(spread: Spread | None, unit: float) -> tuple[float, ...] | None:
     if spread is None:
         return None
-    values = (spread.median, spread.p95, spread.maximum)
-    return " / ".join(f"{value * unit:.{digits}f}" for value in values)
+    return spread.median * unit, spread.p95 * unit, spread.maximum * unit

@@ -19,6 +19,8 @@ from palletloc.errors import PalletLocError
 
 SAMPLE = "sample"
 """Where the package keeps the recording that comes along."""
+WIDTH = 150
+"""Of a printed table at most, in characters."""
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -85,4 +87,4 @@ def _print(sections: Sequence[Section], form: str | None) -> None:
         if form == "markdown":
             print(as_markdown(section))
         else:
-            Console().print(as_table(section))
+            Console(width=WIDTH).print(as_table(section))

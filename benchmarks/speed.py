@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import cycle, islice
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +34,7 @@ START_ERROR = np.array([0.05, 0.05, 0.0, np.radians(3.0)])
 LENGTHS = (1, 4)
 """How often the recordings of the memory measurement show each shot."""
 
-_COLUMNS = (Column("what"), Column("median", 2), Column("unit"), Column("ratio", 2), Column("of what"))
+_COLUMNS = (Column("what"), Column("median", 2), Column("unit"), Column("ratio", 2), Column("is"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,12 +76,12 @@ def measure_speed(folder: Path, rounds: int, console: Console) -> list[Section]:
     picked = np.unique(np.linspace(0, len(recording.shots) - 1, MAX_SHOTS).round().astype(int))
     shots = [
         _shot_timings(recording, int(number), rounds)
-        for number in track(picked, "shots", console=console, transient=True)
+        for number in track(picked, "shots", console=console, transient=True, disable=not console.is_terminal)
     ]
     targets = _targets(recording, [int(number) for number in picked])
     pallets = [
         _pallet_timings(recording, target, rounds)
-        for target in track(targets, "pallets", console=console, transient=True)
+        for target in track(targets, "pallets", console=console, transient=True, disable=not console.is_terminal)
     ]
     planes = _plane_timings(recording, rounds)
     size = f"{recording.camera.width} x {recording.camera.height}"
@@ -115,7 +114,7 @@ def _shot_timings(recording: Recording, number: int, rounds: int) -> Timings:
 
 
 def _plane_timings(recording: Recording, rounds: int) -> Timings:
-    """Time one megapixel of a plane: 4 m to each side of the camera's foot at 8 mm."""
+    """Time one megapixel of the shelf's plane: 4 m x 4 m beside the camera."""
     shot = recording.shots[len(recording.shots) // 2]
     image = recording.image(shot)
     job = read_job(recording.folder)
@@ -134,7 +133,7 @@ def _plane_timings(recording: Recording, rounds: int) -> Timings:
 
 
 def _targets(recording: Recording, numbers: list[int]) -> list[Target]:
-    """Return pallets that a horizontal plane serves, with starts that are off: every method can measure them."""
+    """Return pallets that every method can measure, those that a horizontal plane serves, with starts off."""
     job = read_job(recording.folder)
     rng = np.random.default_rng(0)
     targets = []
@@ -168,20 +167,18 @@ def _new_localizer(recording: Recording, method: Method = Method.HORIZONTAL_PLAN
 
 
 def _step_rows(shots: Timings, planes: Timings, size: str) -> list[tuple[Value, ...]]:
-    decode = f"JPEG decode, {size}, colour"
+    decode = shots.median("decode")
     return [
-        (decode, 1e3 * shots.median("decode"), "ms per shot", None, None),
+        (f"JPEG decode, {size}, colour", 1e3 * decode, "ms per shot", None, None),
         ("map of a plane", 1e3 * planes.median("map"), "ms per Mpx", None, None),
         ("remap, linear, colour", 1e3 * planes.median("remap"), "ms per Mpx", None, None),
-        ("detection", 1e3 * shots.median("detect"), "ms per shot", shots.ratio("detect", "decode"), "decode"),
-        (
-            "whole shot with decode",
-            1e3 * shots.median("shot"),
-            "ms per shot",
-            shots.ratio("shot", "decode"),
-            "decode",
-        ),
+        _against_decode("detection", shots, "detect"),
+        _against_decode("whole shot with decode", shots, "shot"),
     ]
+
+
+def _against_decode(title: str, shots: Timings, name: str) -> tuple[Value, ...]:
+    return title, 1e3 * shots.median(name), "ms per shot", shots.ratio(name, "decode"), "decodes"
 
 
 def _method_rows(pallets: Timings) -> list[tuple[Value, ...]]:
@@ -191,22 +188,24 @@ def _method_rows(pallets: Timings) -> list[tuple[Value, ...]]:
             f"yaw and position, {method}",
             1e3 * pallets.median(str(method)),
             "ms per pallet",
-            1 / pallets.ratio(base, str(method)),
-            base,
+            pallets.ratio(base, str(method)),
+            f"times as fast as {base}",
         )
         for method in Method
     ]
 
 
 def _memory_rows(recording: Recording) -> list[tuple[Value, ...]]:
+    count = len(recording.shots)
     peaks = [peak_memory(recording, length) for length in LENGTHS]
+    base = peaks[0]
     return [
         (
-            f"peak memory, {length * len(recording.shots)} shots",
+            f"peak memory, {length * count} shots",
             None if peak is None else peak / 2**20,
             "MiB",
-            None if peak is None or peaks[0] is None else peak / peaks[0],
-            f"{len(recording.shots)} shots",
+            None if peak is None or base is None else peak / base,
+            f"times that of {count} shots",
         )
         for length, peak in zip(LENGTHS, peaks, strict=True)
     ]

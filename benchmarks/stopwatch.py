@@ -48,6 +48,4 @@ def take_turns(cases: Mapping[str, Callable[[], object]], turns: int) -> Timings
 
 def joined(parts: list[Timings]) -> Timings:
     """Return the turns of several timings of the same cases as those of one."""
-    return Timings(
-        {name: np.concatenate([part.seconds[name] for part in parts]) for name in parts[0].seconds}
-    )
+    return Timings({name: np.concatenate([part.seconds[name] for part in parts]) for name in parts[0].seconds})

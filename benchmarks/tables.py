@@ -10,8 +10,8 @@ from typing import Any
 from rich import box
 from rich.table import Table
 
-Value = str | int | float | None
-"""A cell: text, a count, a number with the digits that its column gives, or nothing."""
+Value = str | int | float | tuple[float, ...] | None
+"""A cell: text, a count, numbers with the digits that its column gives, or nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +40,7 @@ class Section:
     def plain(self) -> dict[str, Any]:
         """Return title, note and rows as values that JSON knows."""
         rows = [
-            {column.name: _plain(value) for column, value in zip(self.columns, row, strict=True)}
-            for row in self.rows
+            {column.name: _plain(value) for column, value in zip(self.columns, row, strict=True)} for row in self.rows
         ]
         return {"title": self.title, "note": self.note, "rows": rows}
 
@@ -54,9 +53,8 @@ class Section:
 
     def numeric(self) -> list[bool]:
         """Tell which columns hold numbers."""
-        return [
-            not any(isinstance(row[place], str) for row in self.rows) for place in range(len(self.columns))
-        ]
+        columns = range(len(self.columns))
+        return [not any(isinstance(row[place], str) for row in self.rows) for place in columns]
 
 
 def _plain(value: Value) -> Value:
@@ -64,6 +62,8 @@ def _plain(value: Value) -> Value:
 
 
 def _text(value: Value, digits: int) -> str:
+    if isinstance(value, tuple):
+        return " / ".join(_text(one, digits) for one in value)
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "-"
     return f"{value:.{digits}f}" if isinstance(value, float) else str(value)
@@ -73,7 +73,7 @@ def as_table(section: Section) -> Table:
     """Return a table for the terminal."""
     table = Table(title=section.title, caption=section.note or None, box=box.SIMPLE, title_justify="left")
     for column, numeric in zip(section.columns, section.numeric(), strict=True):
-        table.add_column(column.name, justify="right" if numeric else "left")
+        table.add_column(column.name, justify="right" if numeric else "left", no_wrap=True)
     for row in section.texts():
         table.add_row(*row)
     return table

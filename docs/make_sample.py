@@ -2,8 +2,8 @@
 
     python docs/make_sample.py SOURCE OUT
 
-A few shots are kept with the whole odometry and the truth. Nothing is scaled: the shelf's part of each image stays
-as it is, the rest (ceiling, far side of the aisle, rear) is blurred, which saves most of the bytes.
+A few shots are kept, with the whole odometry and the truth. Nothing is scaled: the shelf's part of each image
+stays as it is, the rest (ceiling, far side of the aisle, rear) is blurred, which saves most of the bytes.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ COLUMNS, ROWS = (0.14, 0.53), (0.31, 0.75)
 """The part of the image that stays sharp: from the left border and from the upper one, 0 to 1."""
 FADE, BLUR = 0.012, 0.007
 """Width of the transition and sigma of the blur, in parts of the image's height."""
-QUALITY = 93
+QUALITY = 95
 """Of the JPEG images."""
 
 

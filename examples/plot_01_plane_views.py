@@ -2,94 +2,90 @@
 Metric views of planes
 ======================
 
-A pallet's heading shows as the slope of a line, once the image is read on the right plane.
+A 360-degree image bends every straight line. Read on a plane, it becomes a metric image: lines are straight again,
+and a pixel is a known length.
 
-Two plane views of one 360-degree image are read here: of the vertical plane where the pallet is expected, and
-of the horizontal plane through its lower edge. The pallet is turned by 8 degrees against the expectation.
+Two planes matter for a pallet: the vertical one of its front face, and the horizontal one through its lower edge.
 """
 
 # %%
-# An image to read: a camera 1.6 m above the pallet's underside sees the front face of a pallet with a carton
-# on it, and the floor that it stands on. Every pixel's ray is cut with the face's plane and with the floor.
+# A shot of the sample recording, with what is known before any pallet is measured: the camera, its mounting, and the
+# nominal front plane of the shelf, which odometry carries to the time of the shot.
 
+from importlib.resources import files
+from pathlib import Path
+
+import cv2
 import matplotlib.pyplot as plt
-import numpy as np
+from matplotlib.axes import Axes
 
-from palletloc.cameras import Equirectangular
-from palletloc.geometry import FloatArray, Image, LevelPose
-from palletloc.pallet_library import load_library
-from palletloc.plane import PALLET_FROM_HORIZONTAL, PALLET_FROM_VERTICAL, PlaneGrid
+from palletloc.geometry import Image, LevelPose
+from palletloc.io.recording import read_recording
+from palletloc.plane import PALLET_FROM_HORIZONTAL, PALLET_FROM_VERTICAL, PlaneGrid, PlaneView
 from palletloc.projection import Projector
 
-camera = Equirectangular(3840, 1920)
-pallet = load_library()["epal1-1200"]
-camera_from_pallet = LevelPose(1.9, 0.5, -1.6, np.radians(8.0))
+recording = read_recording(Path(str(files("palletloc") / "sample")))
+shot = recording.shots[2]
+image = recording.image(shot)
+shelf = recording.shelf.seen_from(recording.odometry.pose_at(shot.time))
 
 
-def paint(rays_pallet: FloatArray, origin_pallet: FloatArray) -> Image:
-    with np.errstate(divide="ignore"):
-        to_face = -origin_pallet[0] / rays_pallet[..., 0]
-        to_floor = -origin_pallet[2] / rays_pallet[..., 2]
-    face = origin_pallet + to_face[..., None] * rays_pallet
-    right, up = -face[..., 1], face[..., 2]
-    image = np.full(right.shape, 150, np.uint8)  # walls
-    image[to_floor > 0] = 105
-    on_face = (to_face > 0) & (np.abs(right) < pallet.width / 2) & (up > 0)
-    image[on_face & (up < 0.9)] = 190  # the carton, and the pallet below it
-    image[on_face & (up < pallet.height)] = 230
-    for opening in pallet.openings:
-        across = np.abs(right - opening.center) < opening.width / 2
-        image[on_face & across & (up > opening.bottom) & (up < opening.bottom + opening.height)] = 40
-    return image
+def rgb(bgr: Image) -> Image:
+    return cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB).astype("uint8")
 
 
-columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
-rays = camera.unproject(np.stack([columns, rows], -1).astype(float)).directions
-pallet_from_camera = camera_from_pallet.transform().inv()
-rays_pallet = pallet_from_camera.rotation.apply(rays.reshape(-1, 3)).reshape(rays.shape)
-image = paint(rays_pallet, pallet_from_camera.translation)
-
-figure, axes = plt.subplots(figsize=(8, 4), layout="constrained")
-axes.imshow(image, cmap="gray", vmin=0, vmax=255)
-axes.set(title="the 360-degree image", xlabel="u / px", ylabel="v / px")
+figure, axes = plt.subplots(figsize=(9, 4.5), layout="constrained")
+axes.imshow(rgb(image), extent=(-0.5, image.shape[1] - 0.5, image.shape[0] - 0.5, -0.5))
+axes.set(title=f"{shot.file}, {shot.time:.2f} s", xlabel="u / px", ylabel="v / px")
 
 # %%
-# Where the pallet is expected: at the right place, but not turned. The planes are placed by this pose.
+# The shelf's front plane
+# -----------------------
+#
+# A plane is placed by a pose: here that of a pallet that would stand at the nominal plane's given point. What the view shows
+# of the plane itself is to scale; everything before or behind it is not.
 
-expected = LevelPose(camera_from_pallet.x, camera_from_pallet.y, camera_from_pallet.z, 0.0)
-projector = Projector(camera)
-vertical = projector.view(
+forklift_from_pallet = LevelPose(shelf.x, shelf.y, 0.0, shelf.yaw)
+camera_from_forklift = recording.forklift_from_camera.inv()
+projector = Projector(recording.camera)
+front = projector.view(
     image,
-    expected.transform() * PALLET_FROM_VERTICAL,
-    PlaneGrid.spanning(-0.9, 0.9, -0.2, 0.5, resolution=0.004),
-)
-horizontal = projector.view(
-    image,
-    expected.transform() * PALLET_FROM_HORIZONTAL,
-    PlaneGrid.spanning(-0.9, 0.9, -0.35, 0.35, resolution=0.004),
+    camera_from_forklift * forklift_from_pallet.transform() * PALLET_FROM_VERTICAL,
+    PlaneGrid.spanning(-2.5, 2.5, -0.2, 2.0, resolution=0.005),
 )
 
-figure, (upper, lower) = plt.subplots(2, 1, figsize=(8, 7), layout="constrained")
-for axes, view, title in (
-    (upper, vertical, "vertical plane: the face as the forks meet it, distorted by its turn"),
-    (lower, horizontal, "horizontal plane through the lower edge: the turn is the slope"),
-):
+
+def show(axes: Axes, view: PlaneView, title: str) -> None:
     grid = view.grid
-    extent = (
-        grid.left,
-        grid.left + grid.columns * grid.resolution,
-        grid.top - grid.rows * grid.resolution,
-        grid.top,
-    )
-    axes.imshow(view.image, cmap="gray", vmin=0, vmax=255, extent=extent)
+    right = grid.left + (grid.columns - 1) * grid.resolution
+    bottom = grid.top - (grid.rows - 1) * grid.resolution
+    half = grid.resolution / 2  # pixel centres lie on the grid
+    axes.imshow(rgb(view.image), extent=(grid.left - half, right + half, bottom - half, grid.top + half))
     axes.set(title=title, xlabel="right / m", ylabel="up / m")
 
-# %%
-# In the horizontal view, only what lies on the plane keeps its shape, and the lower edge does: it crosses the
-# origin at the angle between the expected heading and the true one (dashed). A turn to the left, which is a
-# positive yaw, makes the line climb to the right.
 
-right = np.array([-pallet.width / 2, pallet.width / 2])
-lower.plot(right, np.tan(camera_from_pallet.yaw) * right, "r--", linewidth=1)
-lower.plot(right, 0 * right, "w:", linewidth=1)
+figure, axes = plt.subplots(figsize=(9, 4.4), layout="constrained")
+show(axes, front, "nominal front plane of the shelf, 5 mm per pixel")
+
+# %%
+# The horizontal plane
+# --------------------
+#
+# A plane at the height of the floor, as if seen from above, with the aisle below. The lower edges of the pallets on
+# the floor lie on it: they are straight, in their true place and direction. Whatever rises above the plane leans away
+# from the camera.
+
+floor = projector.view(
+    image,
+    camera_from_forklift * forklift_from_pallet.transform() * PALLET_FROM_HORIZONTAL,
+    PlaneGrid.spanning(-2.5, 2.5, -1.0, 1.0, resolution=0.005),
+)
+figure, axes = plt.subplots(figsize=(9, 4.0), layout="constrained")
+show(axes, floor, "horizontal plane at the height of the floor")
+axes.axhline(0.0, color="w", linestyle=":", linewidth=1)
+
+# %%
+# The dotted line is the nominal plane. The pallets stand a little before or behind it, and they are turned
+# against it: that is what there is to measure.
+
 plt.show()

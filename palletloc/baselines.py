@@ -103,9 +103,7 @@ def measure_jointly(shot: ShotView, candidate: Candidate, config: LocalizerConfi
     return None
 
 
-def _spread(
-    shot: ShotView, pose: LevelPose, depth_range: float, resolution: float, yaw_sigma: float
-) -> FloatArray:
+def _spread(shot: ShotView, pose: LevelPose, depth_range: float, resolution: float, yaw_sigma: float) -> FloatArray:
     """Return the covariance of a pose that is uncertain along its viewing ray, by a pixel across it, and in yaw."""
     ray = np.array([pose.x, pose.y, pose.z]) - shot.mounting.center
     into = np.array([np.cos(pose.yaw), np.sin(pose.yaw), 0.0])

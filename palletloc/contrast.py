@@ -78,9 +78,7 @@ def opening_contrast(image: Image, grid: PlaneGrid, model: PalletModel, placing:
     within = float(np.mean([block.var(axis=0).sum() for block in blocks]))
     between = float(((means - center) ** 2).sum(axis=1).mean())
     spread = float(np.sqrt(within + between + NOISE**2))
-    return min(
-        float(np.sqrt(np.median(((colours - center) ** 2).sum(axis=1)))) / spread for colours in openings
-    )
+    return min(float(np.sqrt(np.median(((colours - center) ** 2).sum(axis=1)))) / spread for colours in openings)
 
 
 def _patches(

@@ -93,9 +93,7 @@ def detect(
         energy = edge_energy(seen.view.image, window)
         smooth = smoothed(seen.view.image, seen.view.grid)
         for model in models:
-            detections += [
-                _looked_at(one, seen, smooth) for one in _match(seen, energy, model, level, config)
-            ]
+            detections += [_looked_at(one, seen, smooth) for one in _match(seen, energy, model, level, config)]
     return sorted(detections, key=lambda one: -one.promise), views
 
 
@@ -116,9 +114,7 @@ def _match(
     return _spaced(found, config.max_candidates * (1 if level is not None else 2), config)
 
 
-def _plausible(
-    batch: FacePlacement, places: FloatArray, seen: ShelfView, config: DetectionConfig
-) -> BoolArray:
+def _plausible(batch: FacePlacement, places: FloatArray, seen: ShelfView, config: DetectionConfig) -> BoolArray:
     """Tell which depths agree with the heading: drift turns the whole shelf about the camera."""
     depth = (batch.scale - 1) * seen.distance
     slack = depth_slack(seen.anchor, config) + np.abs(places) * np.tan(np.radians(config.pallet_yaw_deg))

@@ -105,9 +105,7 @@ def edge_peaks(
     within = np.abs(offsets[1:-1]) <= reach[:, None, None] + 1e-9
     peak = np.where((middle > left) & (middle >= right) & within, middle, np.float32(0.0))
     best = peak.argmax(axis=2)[..., None]
-    a, b, c = (
-        np.take_along_axis(part, best, axis=2)[..., 0].astype(np.float64) for part in (left, middle, right)
-    )
+    a, b, c = (np.take_along_axis(part, best, axis=2)[..., 0].astype(np.float64) for part in (left, middle, right))
     shift = np.clip(0.5 * (a - c) / np.minimum(a - 2 * b + c, -1e-9), -0.5, 0.5)
     return EdgePeaks(
         (fraction - 0.5) * length[:, None],

@@ -69,12 +69,8 @@ class FaceLine:
     """The part of the face."""
     edges: tuple[FaceEdge, ...]
     """Its stretches, from left to right."""
-
-    @property
-    def whole(self) -> FaceEdge:
-        """The line from its first to its last end, as one edge."""
-        first, last = self.edges[0], self.edges[-1]
-        return FaceEdge(self.kind, first.start, last.end, first.outward)
+    whole: FaceEdge
+    """The line from its first to its last end, as one edge."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,9 +105,7 @@ def face_edges(model: PalletModel) -> tuple[FaceEdge, ...]:
         FaceEdge(EdgeKind.SIDE, (-half, radius), (-half, height - radius), (-1.0, 0.0)),
         FaceEdge(EdgeKind.SIDE, (half, radius), (half, height - radius), (1.0, 0.0)),
     ]
-    edges += [
-        FaceEdge(EdgeKind.BOTTOM, (left, 0.0), (right, 0.0), (0.0, -1.0)) for left, right in _feet(model)
-    ]
+    edges += [FaceEdge(EdgeKind.BOTTOM, (left, 0.0), (right, 0.0), (0.0, -1.0)) for left, right in _feet(model)]
     for opening in model.openings:
         edges += _opening_edges(opening)
     return tuple(edges)
@@ -138,7 +132,10 @@ def face_lines(model: PalletModel) -> tuple[FaceLine, ...]:
     for edge in face_edges(model):
         key = (edge.kind, 0.0, edge.start[1]) if edge.horizontal else (edge.kind, 1.0, edge.start[0])
         lines.setdefault(key, []).append(edge)
-    return tuple(FaceLine(key[0], tuple(edges)) for key, edges in lines.items())
+    return tuple(
+        FaceLine(key[0], tuple(edges), FaceEdge(key[0], edges[0].start, edges[-1].end, edges[0].outward))
+        for key, edges in lines.items()
+    )
 
 
 def _feet(model: PalletModel) -> list[tuple[float, float]]:
@@ -162,9 +159,7 @@ def _opening_edges(opening: Opening) -> list[FaceEdge]:
         FaceEdge(EdgeKind.OPENING_SIDE, (right, foot), (right, high - radius), (-1.0, 0.0)),
     ]
     if not opening.open_below:
-        edges.append(
-            FaceEdge(EdgeKind.OPENING_BOTTOM, (left + radius, low), (right - radius, low), (0.0, 1.0))
-        )
+        edges.append(FaceEdge(EdgeKind.OPENING_BOTTOM, (left + radius, low), (right - radius, low), (0.0, 1.0)))
     return edges
 
 

@@ -161,15 +161,11 @@ def _estimate(seen: FaceView, pose: LevelPose, model: PalletModel, solution: Fac
     )
     forklift_from_face = np.array([[sin, 0, cos, 0], [-cos, 0, sin, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
     covariance = forklift_from_face @ solution.covariance @ forklift_from_face.T
-    return FaceEstimate(
-        moved, covariance, seen, solution.weights, _coverage(seen, model, solution), solution.chi2
-    )
+    return FaceEstimate(moved, covariance, seen, solution.weights, _coverage(seen, model, solution), solution.chi2)
 
 
 def _coverage(seen: FaceView, model: PalletModel, solution: FaceSolution) -> float:
-    lines = [
-        line.whole for line in visible_lines(model, seen.plane_from_camera) if not seen.loaded(line.whole)
-    ]
+    lines = [line.whole for line in visible_lines(model, seen.plane_from_camera) if not seen.loaded(line.whole)]
     covered = sum(
         one.edge.length * one.fit.coverage
         for one, weight in zip(seen.edges, solution.weights, strict=True)

@@ -60,9 +60,7 @@ class FaceSystem:
         self._axes, self._origin = forklift_from_plane[:3, :3], forklift_from_plane[:3, 3]
         middles = np.array([one.edge.middle for one in seen.edges])
         outward = np.array([one.edge.outward for one in seen.edges])
-        shared = np.array(
-            [0.0 if one.edge.horizontal else _SHARED_PART * one.shift.sigma for one in seen.edges]
-        )
+        shared = np.array([0.0 if one.edge.horizontal else _SHARED_PART * one.shift.sigma for one in seen.edges])
         own = np.array([one.shift.sigma for one in seen.edges])
         sigma = np.sqrt(np.array([one.sigma for one in seen.edges]) ** 2 + own**2 - shared**2)
         offsets = np.einsum("ni,nij->nj", outward, self._image_motion(middles))
@@ -88,9 +86,7 @@ class FaceSystem:
 
     def _slopes(self, ups: FloatArray) -> FloatArray:
         """Return what each unknown does to the slopes of level lines, (n, unknowns)."""
-        ends = [
-            self._image_motion(np.stack([np.full_like(ups, right), ups], axis=1)) for right in (-0.5, 0.5)
-        ]
+        ends = [self._image_motion(np.stack([np.full_like(ups, right), ups], axis=1)) for right in (-0.5, 0.5)]
         return np.asarray(ends[1][:, 1] - ends[0][:, 1])
 
     def _add(self, rows: FloatArray, values: FloatArray, robust: bool) -> None:

@@ -108,7 +108,7 @@ def view_face(
     resolution = float(np.clip(up / 2, finest, 2.5 * finest))
     half = model.width / 2 + MARGIN
     grid = PlaneGrid.spanning(-half, half, -MARGIN, model.height + MARGIN, resolution)
-    view = projector.view(image, camera_from_plane, grid, Interpolation.CUBIC)
+    view = projector.view(image, camera_from_plane, grid, Interpolation.LINEAR)
     if not view.valid.all():
         return Reason.OUT_OF_VIEW
     seen = FaceView(view, camera, (), 0)
@@ -224,8 +224,5 @@ def _peaks(
 
 
 def _gradient(seen: FaceView, horizontal: bool, pixel: tuple[float, float]) -> Energy:
-    sigma = [
-        factor * size / seen.view.grid.resolution
-        for factor, size in zip(SMOOTHING_PIXELS, pixel, strict=True)
-    ]
+    sigma = [factor * size / seen.view.grid.resolution for factor, size in zip(SMOOTHING_PIXELS, pixel, strict=True)]
     return gradient_across(seen.view.image, horizontal, *sigma)

@@ -72,9 +72,7 @@ class HorizontalView:
     """The image."""
 
 
-def horizontal_source(
-    model: PalletModel, height_below: float, distance: float, config: YawConfig
-) -> YawSource:
+def horizontal_source(model: PalletModel, height_below: float, distance: float, config: YawConfig) -> YawSource:
     """Choose the edge whose height suits a horizontal plane.
 
     Below the camera the lower edge, which stands out against the floor; above it the upper edges, as a beam may
@@ -145,7 +143,7 @@ def view_horizontal(
     grid = PlaneGrid.spanning(
         -half * 1.08, half * 1.08, min(places) - config.search, max(places) + config.search, config.resolution
     )
-    view = projector.view(image, camera_from_plane, grid, Interpolation.CUBIC)
+    view = projector.view(image, camera_from_plane, grid, Interpolation.LINEAR)
     return HorizontalView(source, height, plane_from_camera, view)
 
 

@@ -106,9 +106,7 @@ def search_jointly(
     return JointSearch(turns, depths, score, pose, float(best))
 
 
-def _slid(
-    start: LevelPose, camera_from_forklift: RigidTransform, turn: float, depth: float
-) -> LevelPose | None:
+def _slid(start: LevelPose, camera_from_forklift: RigidTransform, turn: float, depth: float) -> LevelPose | None:
     """Return the start moved along its viewing ray and turned; None where that leaves the camera's front."""
     center = np.asarray(camera_from_forklift.inv().translation)
     point = np.array([start.x, start.y, start.z])

@@ -126,9 +126,7 @@ class Localizer:
         self.method = method
         self.config = config or LocalizerConfig()
 
-    def localize(
-        self, image: Image, time: float, shelf: ShelfPlane, file: str = ""
-    ) -> list[PalletMeasurement]:
+    def localize(self, image: Image, time: float, shelf: ShelfPlane, file: str = "") -> list[PalletMeasurement]:
         """Find every pallet on a shelf.
 
         Parameters
@@ -203,17 +201,13 @@ class Localizer:
         return ShotView(image, self.projector, self.mounting, self.mounting.forklift_from_camera.inv())
 
     def _detected(self, detection: Detection) -> Candidate:
-        height = (
-            None if detection.level is None else HeightPrior(detection.level, self.config.prior.level_sigma)
-        )
+        height = None if detection.level is None else HeightPrior(detection.level, self.config.prior.level_sigma)
         return Candidate(detection.model, detection.forklift_from_pallet, height, detection.score)
 
     def _given(self, start: Start, levels: Sequence[float]) -> Candidate:
         pose, prior = start.forklift_from_pallet, self.config.prior
         near = [level for level in levels if abs(level - pose.z) <= prior.level_reach]
-        height = (
-            HeightPrior(min(near, key=lambda level: abs(level - pose.z)), prior.level_sigma) if near else None
-        )
+        height = HeightPrior(min(near, key=lambda level: abs(level - pose.z)), prior.level_sigma) if near else None
         model = self.models.get(start.model)
         # an unknown model is refused before its face matters: any face will do
         stand_in = replace(next(iter(self.models.values())), name=start.model)
@@ -224,13 +218,9 @@ class Localizer:
             candidate.refuse(Stage.START, Reason.NOT_FINITE)
         return candidate
 
-    def _measure(
-        self, shot: ShotView, candidate: Candidate, promise: float, before: Sequence[Candidate]
-    ) -> None:
+    def _measure(self, shot: ShotView, candidate: Candidate, promise: float, before: Sequence[Candidate]) -> None:
         """Measure a detection unless a pallet that is beyond doubt stands there."""
-        certain = (
-            one for one in before if one.refusal is None and one.rank >= self.config.verification.certain
-        )
+        certain = (one for one in before if one.refusal is None and one.rank >= self.config.verification.certain)
         for one in certain:
             if one.pose and overlapping(one.pose, one.model, candidate.start, candidate.model):
                 return candidate.refuse(Stage.DETECTION, Reason.OVERLAP)

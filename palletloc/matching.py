@@ -70,9 +70,7 @@ def gradient_across(image: Image, horizontal: bool, across_px: float, along_px: 
     gradient = cv2.Sobel(smooth, cv2.CV_32F, *order, ksize=1, scale=0.5)
     if gradient.ndim == 2:
         return np.abs(gradient)
-    return np.asarray(
-        cv2.sqrt(cv2.transform(gradient * gradient, np.ones((1, 3), np.float32))), dtype=np.float32
-    )
+    return np.asarray(cv2.sqrt(cv2.transform(gradient * gradient, np.ones((1, 3), np.float32))), dtype=np.float32)
 
 
 def _strongest(gradient: NDArray[Any]) -> Energy:
@@ -83,9 +81,7 @@ def _strongest(gradient: NDArray[Any]) -> Energy:
     return np.asarray(cv2.max(cv2.max(blue, green), red), dtype=np.float32)
 
 
-def edge_energy(
-    image: Image, window: tuple[int, int], saturation: float = 2.5, dilation: int = 1
-) -> EdgeEnergy:
+def edge_energy(image: Image, window: tuple[int, int], saturation: float = 2.5, dilation: int = 1) -> EdgeEnergy:
     """Return edge energy that does not depend on light and contrast.
 
     Each gradient is split by direction, divided by the local mean, saturated and widened by ``dilation`` pixels,

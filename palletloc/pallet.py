@@ -157,8 +157,7 @@ class PalletModel:
         parts += [opening.bottom for opening in self.openings if not opening.open_below]
         if 2 * self.edge_radius > min(parts) + _ROUNDING:
             raise ValueError(
-                f"edge_radius {self.edge_radius:.4g} m is more than half of the thinnest part, "
-                f"{min(parts):.4g} m"
+                f"edge_radius {self.edge_radius:.4g} m is more than half of the thinnest part, {min(parts):.4g} m"
             )
 
 
@@ -185,6 +184,5 @@ def _require_not_negative(what: str, **lengths: float) -> None:
 def _require_room_for_corners(what: str, radius: float, width: float, height: float) -> None:
     if 2 * radius > min(width, height) + _ROUNDING:
         raise ValueError(
-            f"{what}'s corner radius {radius:.4g} m is more than half of its smaller side, "
-            f"{min(width, height):.4g} m"
+            f"{what}'s corner radius {radius:.4g} m is more than half of its smaller side, {min(width, height):.4g} m"
         )

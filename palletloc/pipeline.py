@@ -79,7 +79,8 @@ def _attempts(
 ) -> list[Candidate]:
     """Fit the face from one peak of the sweep after the other, until one leaves no doubt.
 
-    Where only the face gives the yaw, the first good fit may have a rival at another yaw: three are tried.
+    Where only the face gives the yaw, the first good fit may have a rival at another yaw: more are tried, until
+    two starts lead to the same pose.
     """
     attempts: list[Candidate] = []
     for peak in peaks:
@@ -91,9 +92,17 @@ def _attempts(
         _fit(shot, attempt, _voted_yaw(shot, attempt, source, peak, config), config)
         attempts.append(attempt)
         certain = attempt.face is not None and attempt.face.doubt < config.face_fit.max_doubt
-        if certain and (source is not YawSource.FACE or len(attempts) == FACE_ATTEMPTS):
+        confirmed = any(_agree(attempt, one) for one in attempts[:-1])
+        if confirmed or (certain and (source is not YawSource.FACE or len(attempts) == FACE_ATTEMPTS)):
             break
     return attempts
+
+
+def _agree(one: Candidate, other: Candidate) -> bool:
+    if one.pose is None or other.pose is None:
+        return False
+    apart = np.abs(one.pose.as_array() - other.pose.as_array())
+    return bool(apart[:3].max() < 0.01 and abs(wrap_angle(float(apart[3]))) < np.radians(0.3))
 
 
 def _standing(attempt: Candidate) -> float:
@@ -113,9 +122,7 @@ def _widen(best: Candidate, attempts: Sequence[Candidate]) -> None:
 
 def _looks_like_pallet(shot: ShotView, candidate: Candidate, pose: LevelPose) -> bool:
     """Tell whether blocks and openings differ at all: most places that are not a pallet end here."""
-    seen = view_face(
-        shot.projector, shot.image, shot.camera_from_forklift, pose, candidate.model, GLANCE_RESOLUTION
-    )
+    seen = view_face(shot.projector, shot.image, shot.camera_from_forklift, pose, candidate.model, GLANCE_RESOLUTION)
     if isinstance(seen, Reason):
         return True  # the fit tells the reason
     return face_contrast(seen.view, candidate.model) >= SWEPT_CONTRAST

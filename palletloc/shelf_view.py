@@ -156,9 +156,7 @@ def _grid(
     margin = max(model.width for model in models) / 2 / nearest + 0.1
     low, high = (level, level) if level is not None else config.heights
     high += max(model.height for model in models)
-    spread = [
-        camera_height + (up - camera_height) / scale for up in (low, high) for scale in (nearest, 2 - nearest)
-    ]
+    spread = [camera_height + (up - camera_height) / scale for up in (low, high) for scale in (nearest, 2 - nearest)]
     resolution = config.coarse_resolution if level is None else config.resolution
     return PlaneGrid.spanning(
         columns[0] / nearest - margin,

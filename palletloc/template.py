@@ -66,9 +66,7 @@ def face_template(
             count = max(1, int(np.ceil(edge.length / PIECE_LENGTH)))
             size = edge.length / count
             field = averaged.along_level(size)
-            pieces += [
-                TemplatePiece(right + (i + 0.5 - count / 2) * size, up, field, size) for i in range(count)
-            ]
+            pieces += [TemplatePiece(right + (i + 0.5 - count / 2) * size, up, field, size) for i in range(count)]
         else:
             field = averaged.along_upright(edge.length)
             pieces.append(TemplatePiece(right, up, field, UPRIGHT_WEIGHT * edge.length))

@@ -219,13 +219,8 @@ def _voters(projector: Projector, model: PalletModel, seen: HorizontalView) -> l
         scale = camera[2] / (camera[2] - height + seen.height)
         # a pixel that straddles an edge's end sees what lies beyond it
         trim = END_PIXELS * float(long)
-        spans = [
-            [camera[0] + (end[0] - camera[0]) * scale for end in (edge.start, edge.end)]
-            for edge in line.edges
-        ]
-        kept = [
-            ((left + trim, up), (right - trim, up)) for left, right in spans if right - left > 2 * trim + long
-        ]
+        spans = [[camera[0] + (end[0] - camera[0]) * scale for end in (edge.start, edge.end)] for edge in line.edges]
+        kept = [((left + trim, up), (right - trim, up)) for left, right in spans if right - left > 2 * trim + long]
         if kept:
             voters.append(_Voter(line.whole, tuple(kept), (float(wide), float(long))))
     return voters

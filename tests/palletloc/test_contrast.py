@@ -1,0 +1,111 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from palletloc.contrast import face_contrast, opening_contrast, smoothed
+from palletloc.geometry import FloatArray
+from palletloc.pallet import PalletModel
+from palletloc.plane import PlaneGrid, PlaneView
+
+GRID = PlaneGrid.spanning(-0.66, 0.66, -0.06, 0.21, 0.004)
+STRAIGHT = np.array([0.0, 0.0, 3.0])
+Draw = Callable[..., PlaneView]
+
+
+def noisy(view: PlaneView, sigma: float = 4.0) -> PlaneView:
+    noise = np.random.default_rng(0).normal(0.0, sigma, view.image.shape)
+    return replace(view, image=np.clip(view.image + noise, 0, 255).astype(np.uint8))
+
+
+@pytest.mark.parametrize("name", ["epal", "t11", "open_below"])
+@pytest.mark.parametrize("levels", [(90.0, 180.0, 30.0), (90.0, 60.0, 200.0)], ids=["dark", "bright"])
+def test_openings_that_are_not_like_the_blocks_stand_out(
+    name: str, levels: tuple[float, ...], draw_face: Draw, request: pytest.FixtureRequest
+) -> None:
+    model: PalletModel = request.getfixturevalue(name)
+    assert face_contrast(noisy(draw_face(model, GRID, STRAIGHT, levels=levels)), model) > 5.0
+
+
+def test_without_openings_the_contrast_is_about_one(epal: PalletModel, draw_face: Draw) -> None:
+    board = noisy(draw_face(epal, GRID, STRAIGHT, levels=(90.0, 150.0, 150.0)), 12.0)
+    assert face_contrast(board, epal) < 1.5
+
+
+def test_the_less_clear_opening_counts(epal: PalletModel, draw_face: Draw) -> None:
+    view = noisy(draw_face(epal, GRID, STRAIGHT))
+    half = view.image.copy()
+    half[:, GRID.columns // 2 :] = noisy(draw_face(epal, GRID, STRAIGHT, levels=(90.0, 180.0, 180.0))).image[
+        :, GRID.columns // 2 :
+    ]
+    assert face_contrast(replace(view, image=half), epal) < 1.5
+    assert face_contrast(replace(view, image=half[:, ::-1]), epal) < 1.5
+
+
+def test_one_opening_aside_blocks_are_no_longer_alike(epal: PalletModel, draw_face: Draw) -> None:
+    right = noisy(draw_face(epal, GRID, STRAIGHT))
+    aside = noisy(draw_face(epal, GRID, STRAIGHT, (0.26, 0.0)))
+    assert face_contrast(aside, epal) < 0.4 * face_contrast(right, epal)
+
+
+def test_blocks_that_differ_from_each_other_weaken_the_contrast(epal: PalletModel, draw_face: Draw) -> None:
+    view = noisy(draw_face(epal, GRID, STRAIGHT))
+    ramp = np.linspace(-60.0, 60.0, GRID.columns)
+    uneven = replace(view, image=np.clip(view.image + ramp, 0, 255).astype(np.uint8))
+    assert face_contrast(uneven, epal) < 0.5 * face_contrast(view, epal)
+
+
+def test_colour_tells_what_gray_does_not(epal: PalletModel, draw_face: Draw) -> None:
+    blue = noisy(draw_face(epal, GRID, STRAIGHT, levels=(90.0, 170.0, 90.0))).image
+    red = noisy(draw_face(epal, GRID, STRAIGHT, levels=(90.0, 90.0, 170.0))).image
+    view = draw_face(epal, GRID, STRAIGHT)
+    colour = replace(view, image=np.dstack([blue, np.full_like(blue, 120), red]))
+    gray = replace(view, image=((blue.astype(int) + red) // 2).astype(np.uint8))
+    assert face_contrast(colour, epal) > 5.0
+    assert face_contrast(gray, epal) < 2.0
+
+
+def test_half_the_light_gives_nearly_the_same(t11: PalletModel, draw_face: Draw) -> None:
+    view = noisy(draw_face(t11, GRID, STRAIGHT), 10.0)
+    dark = replace(view, image=view.image // 2)
+    assert face_contrast(dark, t11) == pytest.approx(face_contrast(view, t11), rel=0.25)
+
+
+def test_a_plain_image_has_no_contrast(epal: PalletModel) -> None:
+    plain = np.full((GRID.rows, GRID.columns), 77, np.uint8)
+    assert opening_contrast(plain, GRID, epal, lambda points: points) == 0.0
+
+
+def test_the_face_is_looked_for_where_its_points_are_placed(epal: PalletModel, draw_face: Draw) -> None:
+    wide = PlaneGrid.spanning(-1.5, 1.5, -0.4, 0.6, 0.005)
+    camera, place, scale = np.array([-0.3, 1.5, 2.0]), (0.3, 0.1), 1.06
+    view = draw_face(epal, wide, camera, place, scale)
+
+    def placing(points: FloatArray) -> FloatArray:
+        scaled: FloatArray = camera[:2] + (points + place - camera[:2]) / scale
+        return scaled
+
+    image = smoothed(noisy(view).image, wide)
+    assert opening_contrast(image, wide, epal, placing) > 5.0
+    assert opening_contrast(image, wide, epal, lambda points: points) < 3.0
+
+
+@pytest.mark.parametrize("shift", [(3.0, 0.0), (-3.0, 0.0), (0.0, 1.0), (0.0, -1.0), (-0.9, 0.0)])
+def test_beyond_the_view_there_is_no_contrast(
+    shift: tuple[float, float], epal: PalletModel, draw_face: Draw
+) -> None:
+    image = noisy(draw_face(epal, GRID, STRAIGHT)).image
+    assert opening_contrast(image, GRID, epal, lambda points: points + shift) == 0.0
+
+
+def test_smoothing_takes_noise_away_and_keeps_the_shape(epal: PalletModel, draw_face: Draw) -> None:
+    view = draw_face(epal, GRID, STRAIGHT)
+    smooth = smoothed(noisy(view, 10.0).image, GRID)
+    assert smooth.shape == view.image.shape
+    assert smooth.dtype == np.uint8
+    before = np.abs(noisy(view, 10.0).image.astype(int) - view.image)[60:, 20:80].mean()
+    after = np.abs(smooth.astype(int) - view.image)[60:, 20:80].mean()
+    assert after < 0.7 * before

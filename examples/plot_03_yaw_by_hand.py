@@ -7,8 +7,8 @@ The heading of a pallet shows as the slope of a line, once the image is read on 
 """
 
 # %%
-# A pallet on the floor, from the sample, and a start that is well off: 3 degrees turned, and 20 cm too far along the
-# viewing ray. The truth comes with the sample; only the last line of output uses it.
+# A pallet on the floor, from the sample, and its true pose, which is used to make starts and to tell how far off the
+# results are.
 
 from dataclasses import replace
 from importlib.resources import files
@@ -18,69 +18,90 @@ import cv2
 import matplotlib.pyplot as plt
 import numpy as np
 
-from palletloc.config import YawConfig
 from palletloc.evaluation.errors import true_faces
 from palletloc.geometry import LevelPose
-from palletloc.horizontal_view import HorizontalView, view_horizontal
+from palletloc.horizontal_view import HorizontalView, YawConfig, view_horizontal
 from palletloc.io.recording import read_recording
 from palletloc.io.truth import read_truth
-from palletloc.measurement import YawSource
+from palletloc.measurement import Reason, YawSource
 from palletloc.projection import Projector
-from palletloc.yaw import YawEstimate, find_lines, measure_line, measure_yaw
+from palletloc.yaw import find_lines, measure_line, measure_yaw
 
 sample = Path(str(files("palletloc") / "sample"))
 recording, truth = read_recording(sample), read_truth(sample)
 shot = recording.shots[3]
 image = recording.image(shot)
 pallet = recording.models[0]
-faces = true_faces(
-    truth.pallets, {pallet.name: pallet.width}, truth.forklift.pose_at(shot.time), recording.forklift_from_camera
-)
+mounting = recording.forklift_from_camera
+faces = true_faces(truth.pallets, {pallet.name: pallet.width}, truth.forklift.pose_at(shot.time), mounting)
 true = next(face.forklift_from_pallet for face in faces if face.visible and face.below > 1.0)
 
-camera = np.asarray(recording.forklift_from_camera.translation)
-point = np.array([true.x, true.y, true.z])
-ray = (point - camera) / np.linalg.norm(point - camera)
-x, y, _ = point + 0.20 * ray
-start = LevelPose(float(x), float(y), true.z, true.yaw + np.radians(3.0))
+
+def shifted(along_ray: float, turn_deg: float) -> LevelPose:
+    """Return a start that is off along the viewing ray and in yaw; its height is known."""
+    point = np.array([true.x, true.y, true.z])
+    ray = point - mounting.translation
+    x, y, _ = point + along_ray * ray / np.linalg.norm(ray)
+    return LevelPose(float(x), float(y), true.z, true.yaw + float(np.radians(turn_deg)))
+
 
 # %%
-# The plane through the lower edge at the start. Its centre line is where the edge would be if the start were right.
+# The plane through the lower edge, placed by a start that is turned by 3.1 degrees and 20 cm too far away. Its centre line
+# (dotted) is where the edge would be if the start were right.
 
-projector, config = Projector(recording.camera), replace(YawConfig(), search=0.25)
-camera_from_forklift = recording.forklift_from_camera.inv()
+projector, config = Projector(recording.camera), YawConfig(search=0.3)
 
 
 def look(pose: LevelPose) -> HorizontalView:
-    return view_horizontal(
-        projector, image, camera_from_forklift, pose, pallet, YawSource.BOTTOM, config
-    )
+    return view_horizontal(projector, image, mounting.inv(), pose, pallet, YawSource.BOTTOM, config)
 
 
 def show(seen: HorizontalView, slope: float, up: float, title: str) -> None:
     grid = seen.view.grid
     right = np.array([grid.left, grid.left + (grid.columns - 1) * grid.resolution])
     bottom = grid.top - (grid.rows - 1) * grid.resolution
-    figure, axes = plt.subplots(figsize=(9, 4.2), layout="constrained")
-    axes.imshow(cv2.cvtColor(seen.view.image, cv2.COLOR_BGR2RGB), extent=(*right, bottom, grid.top))
+    _, axes = plt.subplots(figsize=(9, 5.2), layout="constrained")
+    axes.imshow(cv2.cvtColor(seen.view.image, cv2.COLOR_BGR2RGB), extent=(right[0], right[1], bottom, grid.top))
     axes.axhline(0.0, color="w", linestyle=":", linewidth=1)
     axes.plot(right, up + slope * right, color="red", linewidth=1)
     axes.set(title=title, xlabel="right / m", ylabel="up / m")
 
 
-# %%
-# A Hough transform finds the boundary line; its angle has steps. A robust line through the peaks of the gradient, one
-# for each cut across the line, measures it to a fraction of a pixel. Here the longest line is taken.
+start = shifted(0.20, 3.1)
+seen = look(start)
+line = find_lines(seen, config)[0]
+show(seen, float(np.tan(line.turn)), line.up, "as the start places the plane, with the longest line")
 
-first = look(start)
-line = find_lines(first, config)[0]
-fit = measure_line(projector, first, line, pallet, config)
-slope = np.tan(line.turn) if fit is None else fit.slope
-show(first, slope, line.up, "as the start places the plane")
+# %%
+# A Hough transform found that line; its angle has steps. A robust line through the peaks of the gradient, one for
+# each cut across it, measures it to a fraction of a pixel. The plane placed again shows the line level.
+
+fit = measure_line(projector, seen, line, pallet, config)
+slope = float(np.tan(line.turn)) if fit is None else fit.slope
 turned = replace(start, yaw=start.yaw + float(np.arctan(slope)))
-for name, yaw in (
-    ("start", start.yaw),
-    ("Hough transform", start.yaw + line.turn),
-    ("line through gradient peaks", turned.yaw),
-):
-    print(f"{name}: {np.degrees(yaw - true.yaw):+.3f} deg off")
+show(look(turned), 0.0, line.up, "placed again with the measured yaw")
+for name, yaw in (("start", start.yaw), ("Hough", start.yaw + line.turn), ("gradient peaks", turned.yaw)):
+    print(f"{name:>15}: {np.degrees(yaw - true.yaw):+.3f} deg")
+
+# %%
+# The start's distance hardly matters: a pallet that moves along its viewing ray changes the place of the line and its length,
+# not its slope.
+
+for along_ray in (-0.2, 0.0, 0.2, 0.4):
+    seen = look(shifted(along_ray, 3.1))
+    line = find_lines(seen, config)[0]
+    fit = measure_line(projector, seen, line, pallet, config)
+    turn = line.turn if fit is None else float(np.arctan(fit.slope))
+    print(f"{100 * along_ray:+4.0f} cm along the ray: {3.1 + np.degrees(turn):+.3f} deg")
+
+# %%
+# When the position is known, too (here: the true one), every level line of the face can be measured where it
+# appears on the plane. They vote, each with its own sigma.
+
+estimate = measure_yaw(projector, look(replace(true, yaw=turned.yaw)), turned, pallet, config)
+if not isinstance(estimate, Reason):
+    for vote in estimate.votes:
+        off = np.degrees(turned.yaw + vote.turn - true.yaw)
+        print(f"{vote.edge.kind:>15}: {off:+.3f} deg, sigma {np.degrees(vote.sigma):.3f}")
+    print(f"{'together':>15}: {np.degrees(estimate.yaw - true.yaw):+.3f} deg")
+plt.show()

@@ -93,7 +93,8 @@ def detect(
         energy = edge_energy(seen.view.image, window)
         smooth = smoothed(seen.view.image, seen.view.grid)
         for model in models:
-            detections += [_looked_at(one, seen, smooth) for one in _match(seen, energy, model, level, config)]
+            looked_at = [_looked_at(one, seen, smooth) for one in _match(seen, energy, model, level, config)]
+            detections += sorted(looked_at, key=lambda one: -one.promise)[: config.max_candidates]
     return sorted(detections, key=lambda one: -one.promise), views
 
 
@@ -111,7 +112,7 @@ def _match(
         for place, chosen, value in _best(score, (batch.scale[:, 0] - 1) * seen.distance, places, config):
             pose = _pose(seen, place, batch.scale[chosen, 0], batch.yaw[chosen, 0], batch.height[0, 0])
             found.append(Detection(model, pose, level, value, 0.0))
-    return _spaced(found, config.max_candidates * (1 if level is not None else 2), config)
+    return _spaced(found, config.max_candidates if level is not None else config.max_places, config)
 
 
 def _plausible(batch: FacePlacement, places: FloatArray, seen: ShelfView, config: DetectionConfig) -> BoolArray:

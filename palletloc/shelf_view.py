@@ -52,7 +52,9 @@ class DetectionConfig:
     min_depth_spacing: float = 0.10
     """Least distance in depth between two candidates in one place, in metres."""
     max_candidates: int = 16
-    """Most candidates of one model on one level."""
+    """Most candidates of one model on one level, or on the whole plane."""
+    max_places: int = 200
+    """Most places on the whole plane that are looked at for openings, where no levels are known."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -59,20 +59,16 @@ def explain(
     earlier call left in the folder are replaced.
     """
     parameters = LocalizerConfig() if config is None else read_config(config)
-    job = read_job(recording, method, parameters, initial)
-    image, explanation = _single(job, shot).explain(0)
-    view = ShotView(
-        image,
-        job.localizer.projector,
-        job.localizer.mounting,
-        job.localizer.mounting.forklift_from_camera.inv(),
-    )
+    job = _single(read_job(recording, method, parameters, initial), shot)
+    image, explanation = job.explain(0)
     console = Console()
     with console.status("Drawing"):
-        named = write_explanation(job, explanation, view, out, with_refused=refused or initial is not None)
-    console.print(_table(named))
+        from palletloc.report.explanation_folder import write_explanation  # drawing is slow to import
+
+        write_explanation(job, image, explanation, out, with_refused=refused or initial is not None)
+    console.print(_table(explanation))
     _print_refusals(console, explanation)
-    console.print(Text(f"pictures and {NUMBERS}: {out}"), soft_wrap=True)
+    console.print(Text(f"pictures and explain.json: {out}"), soft_wrap=True)
 
 
 def _single(job: Job, number: int) -> Job:
@@ -89,53 +85,6 @@ def _single(job: Job, number: int) -> Job:
     if not starts:
         raise PalletLocError(f"--shot {number}: no start has the time of this shot, {shot.time:.6g} s")
     return replace(job, given=(ShotStarts(shot, starts),))
-
-
-def write_explanation(
-    job: Job, explanation: Explanation, view: ShotView, out: Path, *, with_refused: bool
-) -> tuple[tuple[str, Candidate], ...]:
-    """Write the pictures and the numbers of a shot.
-
-    Parameters
-    ----------
-    job : Job
-        The recording and its localizer.
-    explanation : Explanation
-        What was found.
-    view : ShotView
-        The shot.
-    out : Path
-        Folder for the files; made if missing.
-    with_refused : bool
-        Whether to draw the steps of what was given up.
-
-    Returns
-    -------
-    tuple of (str, Candidate)
-        The candidates with the names that the pictures give them.
-    """
-    from palletloc.drawing.stages import name_candidates, stage_pictures  # matplotlib is slow to import
-
-    shelf = None
-    with suppress(ShotError):  # with given starts, a shot can do without odometry
-        shelf = shelf_at(job.recording, explanation.time, job.localizer.config.prior)
-    named = name_candidates(explanation)
-    document = explanation_document(explanation, named, str(job.localizer.method))
-    written = {}
-    for picture in stage_pictures(explanation, view, shelf, with_refused=with_refused):
-        write_bytes(out / picture.file, picture.content)
-        written[picture.file] = picture.caption
-    document["pictures"] = [{"file": file, "shows": caption} for file, caption in written.items()]
-    write_text(out / NUMBERS, json.dumps(document, indent=1, allow_nan=False) + "\n")
-    for path in _left_over(out):
-        if path.name not in written:
-            path.unlink()
-    return named
-
-
-def _left_over(out: Path) -> Iterator[Path]:
-    """Yield the pictures in a folder that this command may have written."""
-    yield from (path for path in out.iterdir() if _OURS.fullmatch(path.name))
 
 
 def _table(named: tuple[tuple[str, Candidate], ...]) -> Table:

@@ -110,7 +110,7 @@ def compare(
     Returns
     -------
     Comparison
-        A measurement belongs to the nearest true pallet within `REACH`; of several in one shot, the nearest does.
+        A measurement belongs to the nearest true pallet within `REACH`, and none to one that has a nearer.
     """
     by_time: dict[float, list[PalletMeasurement]] = {}
     for one in measurements:
@@ -119,25 +119,23 @@ def compare(
     unmatched: list[PalletMeasurement] = []
     for time, found in by_time.items():
         matched = _match(found, placed_pallets(truth, time, camera_center))
-        for measured in found:
-            pallet = matched.get(id(measured))
-            if pallet is None:
-                unmatched.append(measured)
-            else:
-                errors.append(pose_error(measured, pallet))
+        errors += [pose_error(found[i], matched[i]) for i in sorted(matched)]
+        unmatched += [measured for i, measured in enumerate(found) if i not in matched]
     return Comparison(tuple(errors), tuple(unmatched))
 
 
-def _match(
-    found: Sequence[PalletMeasurement], pallets: Sequence[PlacedPallet]
-) -> dict[int, PlacedPallet]:
-    """Return the true pallet of each measurement that has one, nearest pairs first."""
-    pairs = [(_distance(measured, pallet), i, k) for i, measured in enumerate(found) for k, pallet in enumerate(pallets)]
+def _match(found: Sequence[PalletMeasurement], pallets: Sequence[PlacedPallet]) -> dict[int, PlacedPallet]:
+    """Return the true pallet of each measurement that has one, by the measurement's index."""
+    pairs = [
+        (_distance(measured, pallet), i, k)
+        for i, measured in enumerate(found)
+        for k, pallet in enumerate(pallets)
+    ]
     matched: dict[int, PlacedPallet] = {}
     taken: set[int] = set()
     for distance, i, k in sorted(pairs):
-        if distance <= REACH and id(found[i]) not in matched and k not in taken:
-            matched[id(found[i])] = pallets[k]
+        if distance <= REACH and i not in matched and k not in taken:
+            matched[i] = pallets[k]
             taken.add(k)
     return matched
 

@@ -22,6 +22,7 @@ from palletloc.report.comparison import PoseError
 
 _LEFT, _RIGHT, _HEAD, _HEIGHT, _GAP, _FOOT = 74, 20, 72, 210, 40, 80  # in pixels
 _ROWS = ((3, "yaw error (\N{DEGREE SIGN})", float(np.degrees(1.0))), (0, "depth error (mm)", 1000.0))
+_BESIDE = 0.06  # seconds
 
 
 def error_figure(errors: Sequence[PoseError]) -> Figure:
@@ -62,8 +63,7 @@ def _draw_series(
 ) -> None:
     """Draw one pallet's errors; pallets of one shot stand side by side."""
     index, count = place
-    apart = 0.012 * (errors[-1].time - errors[0].time + 1.0)
-    times = np.array([error.time for error in errors]) + (index - (count - 1) / 2) * apart
+    times = np.array([error.time for error in errors]) + (index - (count - 1) / 2) * _BESIDE
     values = np.array([error.offset[axis] for error in errors]) * scale
     bars = 2 * np.array([error.sigma[axis] for error in errors]) * scale
     axes.errorbar(
@@ -74,11 +74,7 @@ def _draw_series(
         color=SERIES[index % len(SERIES)],
         markersize=6,
         elinewidth=3.0,
-        ecolor=(*_light(SERIES[index % len(SERIES)]), 1.0),
+        ecolor=(SERIES[index % len(SERIES)], 0.4),
         label=f"pallet {errors[0].pallet}",
     )
 
-
-def _light(color: str) -> tuple[float, float, float]:
-    red, green, blue = (int(color[i : i + 2], 16) / 255 for i in (1, 3, 5))
-    return tuple(0.45 * part + 0.55 for part in (red, green, blue))  # type: ignore[return-value]

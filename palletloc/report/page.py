@@ -1,0 +1,142 @@
+"""A page of HTML that needs nothing but itself and the pictures beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from html import escape
+from string import Template
+
+_PAGE = Template("""\
+<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>$title</title>
+<style>
+$style
+</style>
+</head>
+<body>
+<main>
+$body
+</main>
+</body>
+</html>
+""")
+_STYLE = """\
+:root { color-scheme: light; --ink: #22262b; --faint: #5b6470; --line: #d9dde3; --soft: #f4f6f8; }
+* { box-sizing: border-box; }
+body { margin: 0; background: #fff; color: var(--ink);
+  font: 16px/1.55 system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif; }
+main { max-width: 1040px; margin: 0 auto; padding: 40px 20px 64px; }
+h1 { font-size: 2rem; line-height: 1.2; margin: 0 0 12px; letter-spacing: -0.01em; }
+h2 { font-size: 1.3rem; margin: 48px 0 10px; letter-spacing: -0.005em; }
+p { max-width: 46em; margin: 0 0 14px; }
+.lead { font-size: 1.12rem; color: var(--faint); }
+.figures { display: grid; grid-template-columns: repeat(auto-fit, minmax(150px, 1fr)); gap: 12px; margin: 24px 0; }
+.figures div { background: var(--soft); border-radius: 8px; padding: 14px 16px; }
+.figures b { display: block; font-size: 1.6rem; line-height: 1.2; font-variant-numeric: tabular-nums; }
+.figures span { color: var(--faint); font-size: 0.92rem; }
+figure { margin: 22px 0; }
+figure img { display: block; width: 100%; height: auto; border: 1px solid var(--line); border-radius: 8px; }
+figcaption { color: var(--faint); font-size: 0.95rem; margin-top: 8px; max-width: 52em; }
+.wide { overflow-x: auto; }
+.wide img { min-width: 680px; }
+table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: 0.95rem; width: 100%; }
+th, td { padding: 6px 12px 6px 0; text-align: right; white-space: nowrap; border-bottom: 1px solid var(--line); }
+th { color: var(--faint); font-weight: 600; vertical-align: bottom; }
+th.text, td.text { text-align: left; }
+code { font: 0.92em/1.5 ui-monospace, SFMono-Regular, Menlo, Consolas, monospace; }
+pre { background: var(--soft); border-radius: 8px; padding: 14px 16px; overflow-x: auto; margin: 14px 0; }
+dl { display: grid; grid-template-columns: max-content 1fr; gap: 4px 20px; }
+dd { margin: 0; color: var(--faint); }
+@media (max-width: 560px) {
+  main { padding-top: 24px; }
+  h1 { font-size: 1.6rem; }
+  dl { grid-template-columns: 1fr; }
+  dd { margin-bottom: 10px; }
+}"""
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column of a table."""
+
+    heading: str
+    """What stands above it."""
+    is_text: bool = False
+    """Whether its cells are words, which stand at the left, and not numbers."""
+
+
+def page(title: str, parts: Iterable[str]) -> str:
+    """Return a whole page.
+
+    Parameters
+    ----------
+    title : str
+        Plain text.
+    parts : iterable of str
+        HTML, as the other functions here return it.
+    """
+    return _PAGE.substitute(title=escape(title), style=_STYLE, body="\n".join(parts))
+
+
+def heading(text: str, level: int = 2) -> str:
+    """Return a heading of plain text."""
+    return f"<h{level}>{escape(text)}</h{level}>"
+
+
+def paragraph(text: str, kind: str = "") -> str:
+    """Return a paragraph of plain text; ``kind`` is a class of the page's style."""
+    attribute = f' class="{escape(kind)}"' if kind else ""
+    return f"<p{attribute}>{escape(text)}</p>"
+
+
+def key_figures(figures: Iterable[tuple[str, str]]) -> str:
+    """Return large numbers side by side: each with what it means."""
+    cells = (f"<div><b>{escape(value)}</b><span>{escape(meaning)}</span></div>" for value, meaning in figures)
+    return f'<div class="figures">{"".join(cells)}</div>'
+
+
+def picture(source: str, caption: str, *, keep_wide: bool = False) -> str:
+    """Return a picture with its caption.
+
+    Parameters
+    ----------
+    source : str
+        Its file, relative to the page.
+    caption : str
+        Plain text, which is also what is read aloud.
+    keep_wide : bool
+        Whether a narrow screen scrolls it instead of making its texts unreadable.
+    """
+    text = escape(caption)
+    image = f'<img src="{escape(source)}" alt="{text}" loading="lazy">'
+    if keep_wide:
+        image = f'<div class="wide">{image}</div>'
+    return f"<figure>{image}<figcaption>{text}</figcaption></figure>"
+
+
+def table(columns: Sequence[Column], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table of plain texts, which a narrow screen scrolls."""
+    kinds = [' class="text"' if column.is_text else "" for column in columns]
+    head = "".join(f"<th{kind}>{escape(column.heading)}</th>" for kind, column in zip(kinds, columns, strict=True))
+    body = "\n".join(
+        "<tr>" + "".join(f"<td{kind}>{escape(cell)}</td>" for kind, cell in zip(kinds, row, strict=True)) + "</tr>"
+        for row in rows
+    )
+    return f'<div class="wide"><table><thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody></table></div>'
+
+
+def listing(entries: Iterable[tuple[str, str]]) -> str:
+    """Return names with what they mean."""
+    items = (f"<dt><code>{escape(name)}</code></dt><dd>{escape(meaning)}</dd>" for name, meaning in entries)
+    return f"<dl>{''.join(items)}</dl>"
+
+
+def commands(lines: Iterable[str]) -> str:
+    """Return lines to be typed."""
+    text = "\n".join(lines)
+    return f"<pre><code>{escape(text)}</code></pre>"

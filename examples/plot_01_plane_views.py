@@ -2,15 +2,16 @@
 Metric views of planes
 ======================
 
-A 360-degree image bends every straight line. Read on a plane, it becomes a metric image: lines are straight again,
-and a pixel is a known length.
+A 360-degree image bends every straight line. Read on a plane, it becomes a metric image: lines are straight
+again, and a pixel is a known length.
 
-Two planes matter for a pallet: the vertical one of its front face, and the horizontal one through its lower edge.
+Two planes matter for a pallet: the vertical one of its front face, and the horizontal one through its lower
+edge.
 """
 
 # %%
-# A shot of the sample recording, with what is known before any pallet is measured: the camera, its mounting, and the
-# nominal front plane of the shelf, which odometry carries to the time of the shot.
+# A shot of the sample recording, with what is known before any pallet is measured: the camera, its mounting,
+# and the nominal front plane of the shelf, which odometry carries to the time of the shot.
 
 from importlib.resources import files
 from pathlib import Path
@@ -42,8 +43,8 @@ axes.set(title=f"{shot.file}, {shot.time:.2f} s", xlabel="u / px", ylabel="v / p
 # The shelf's front plane
 # -----------------------
 #
-# A plane is placed by a pose: here that of a pallet that would stand at the nominal plane's given point. What the view shows
-# of the plane itself is to scale; everything before or behind it is not.
+# A plane is placed by a pose: here that of a pallet that would stand at the nominal plane's given point. What
+# the view shows of the plane itself is to scale; everything before or behind it is not.
 
 forklift_from_pallet = LevelPose(shelf.x, shelf.y, 0.0, shelf.yaw)
 camera_from_forklift = recording.forklift_from_camera.inv()
@@ -71,9 +72,9 @@ show(axes, front, "nominal front plane of the shelf, 5 mm per pixel")
 # The horizontal plane
 # --------------------
 #
-# A plane at the height of the floor, as if seen from above, with the aisle below. The lower edges of the pallets on
-# the floor lie on it: they are straight, in their true place and direction. Whatever rises above the plane leans away
-# from the camera.
+# A plane at the height of the floor, as if seen from above, with the aisle below. The lower edges of the
+# pallets on the floor lie on it: they are straight, in their true place and direction. Whatever rises above the
+# plane leans away from the camera.
 
 floor = projector.view(
     image,

@@ -6,8 +6,8 @@ From an image to poses in ten lines, and a look at what became of every candidat
 """
 
 # %%
-# A localizer belongs to a camera, its mounting and the pallets to look for. It holds no other state, so shots may
-# come in any order.
+# A localizer belongs to a camera, its mounting and the pallets to look for. It holds no other state, so shots
+# may come in any order.
 
 from importlib.resources import files
 from pathlib import Path
@@ -29,8 +29,8 @@ shelf = recording.shelf.seen_from(recording.odometry.pose_at(shot.time))
 found = localizer.localize(image, shot.time, shelf, shot.file)
 
 # %%
-# Each measurement is a level pose in the forklift frame with its covariance. The yaw is the heading that the forklift
-# has when it inserts its forks.
+# Each measurement is a level pose in the forklift frame with its covariance. The yaw is the heading that the
+# forklift has when it inserts its forks.
 
 for one in found:
     pose, sigma = one.forklift_from_pallet, np.sqrt(np.diag(one.covariance))
@@ -58,8 +58,8 @@ for piece in pixels:
 axes.set(xlim=(left, right), ylim=(bottom, top), xlabel="u / px", ylabel="v / px", title="measured fronts")
 
 # %%
-# `explain` does the same and keeps everything. Most candidates are edges of beams and cartons, or a pallet shifted by
-# an opening; each is given up with a reason.
+# `explain` does the same and keeps everything. Most candidates are edges of beams and cartons, or a pallet
+# shifted by an opening; each is given up with a reason.
 
 explained = localizer.explain(image, shot.time, shelf, shot.file)
 reasons = [f"{refusal.stage}: {refusal.reason}" for refusal in explained.refusals]

@@ -2,13 +2,13 @@
 Yaw from the horizontal plane, by hand
 ======================================
 
-The heading of a pallet shows as the slope of a line, once the image is read on the right plane. A start that is
-20 cm too far away changes the place of the line, but not its slope.
+The heading of a pallet shows as the slope of a line, once the image is read on the right plane. A start that
+is 20 cm too far away changes the place of the line, but not its slope.
 """
 
 # %%
-# A pallet on the floor, from the sample, and its true pose, which is used to make starts and to tell how far off the
-# results are.
+# A pallet on the floor, from the sample, and its true pose, which is used to make starts and to tell how far
+# off the results are.
 
 from dataclasses import replace
 from importlib.resources import files
@@ -46,8 +46,8 @@ def shifted(along_ray: float, turn_deg: float) -> LevelPose:
 
 
 # %%
-# The plane through the lower edge, placed by a start that is turned by 3.1 degrees and 20 cm too far away. Its centre line
-# (dotted) is where the edge would be if the start were right.
+# The plane through the lower edge, placed by a start that is turned by 3.1 degrees and 20 cm too far away. Its
+# centre line (dotted) is where the edge would be if the start were right.
 
 projector, config = Projector(recording.camera), YawConfig(search=0.3)
 
@@ -73,8 +73,8 @@ line = find_lines(seen, config)[0]
 show(seen, float(np.tan(line.turn)), line.up, "as the start places the plane, with the longest line")
 
 # %%
-# A Hough transform found that line; its angle has steps. A robust line through the peaks of the gradient, one for
-# each cut across it, measures it to a fraction of a pixel. The plane placed again shows the line level.
+# A Hough transform found that line; its angle has steps. A robust line through the peaks of the gradient, one
+# for each cut across it, measures it to a fraction of a pixel. The plane placed again shows the line level.
 
 fit = measure_line(projector, seen, line, pallet, config)
 slope = float(np.tan(line.turn)) if fit is None else fit.slope
@@ -84,8 +84,8 @@ for name, yaw in (("start", start.yaw), ("Hough", start.yaw + line.turn), ("grad
     print(f"{name:>15}: {np.degrees(yaw - true.yaw):+.3f} deg")
 
 # %%
-# The start's distance hardly matters: a pallet that moves along its viewing ray changes the place of the line and its length,
-# not its slope.
+# The start's distance hardly matters: a pallet that moves along its viewing ray changes the place of the line
+# and its length, not its slope.
 
 for along_ray in (-0.2, 0.0, 0.2, 0.4):
     seen = look(shifted(along_ray, 3.1))

@@ -2,13 +2,14 @@
 A synthetic scene with its truth
 ================================
 
-An aisle that never was: a rack with pallets, loads and clutter, drawn from a seed and rendered through a camera model. Its
-truth is exact, so it can tell how far off a measurement is, and whether its covariance says so.
+An aisle that never was: a rack with pallets, loads and clutter, drawn from a seed and rendered through a
+camera model. Its truth is exact, so it can tell how far off a measurement is, and whether its covariance says
+so.
 """
 
 # %%
-# A scene, a way of the forklift with the errors of its odometry, a mounting, and a nominal shelf plane that is off by up
-# to 3 cm and 0.8 degrees. One shot is rendered when it is asked for.
+# A scene, a way of the forklift with the errors of its odometry, a mounting, and a nominal shelf plane that is
+# off by up to 3 cm and 0.8 degrees. One shot is rendered when it is asked for.
 
 import cv2
 import matplotlib.pyplot as plt
@@ -39,8 +40,8 @@ shelf = simulation.shelf.seen_from(simulation.odometry.pose_at(time))
 found = localizer.localize(image, time, shelf)
 
 # %%
-# The true pallets as the forklift sees them, those that count as visible, and the errors of the measurements that
-# belong to them: depth into the pallet, along its front, up, and yaw.
+# The true pallets as the forklift sees them, those that count as visible, and the errors of the measurements
+# that belong to them: depth into the pallet, along its front, up, and yaw.
 
 mounting = simulation.forklift_from_camera
 placed = [TruePallet(one.name, one.model.name, one.world_from_pallet) for one in simulation.aisle.pallets]
@@ -71,5 +72,7 @@ for one in found:
     ellipse = 10 * np.linalg.cholesky(one.covariance[:2, :2]) @ circle
     axes.plot(pose.x + ellipse[0], pose.y + ellipse[1], color="tab:red", linewidth=1)
 axes.plot(*mounting.translation[:2], "k^")
-axes.set(aspect="equal", xlabel="x / m", ylabel="y / m", title="true fronts (grey), measured (red), camera (triangle)")
+axes.set(
+    aspect="equal", xlabel="x / m", ylabel="y / m", title="true fronts (grey), measured (red), camera (triangle)"
+)
 plt.show()

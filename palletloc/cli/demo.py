@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from importlib.resources import as_file, files
 from pathlib import Path
 from statistics import median
@@ -16,8 +15,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from palletloc.candidate import ShotView
-from palletloc.cli.explain import write_explanation
+from palletloc.geometry import FloatArray
 from palletloc.io.atomic import write_bytes, write_text
 from palletloc.io.csv_table import format_number, write_rows
 from palletloc.io.measurements import format_time
@@ -27,8 +25,8 @@ from palletloc.measurement import PalletMeasurement
 from palletloc.offline import Job, Outcome, read_job, work_through
 from palletloc.report.comparison import Comparison, PoseError, compare, placed_pallets
 
-ERRORS, PAGE, PICTURES = "errors.csv", "index.html", "pictures"
-"""Names of the files and the folder that the demo adds to those of a run."""
+ERRORS, PAGE, PICTURES, CHART = "errors.csv", "index.html", "pictures", "errors.png"
+"""Names of what the demo adds to the files of a run: files, the folder of pictures, and the chart in it."""
 ERROR_COLUMNS = (
     *("time_s", "file", "pallet", "model", "range_m", "depth_m", "along_m", "height_m", "yaw_rad"),
     *("sigma_depth_m", "sigma_along_m", "sigma_height_m", "sigma_yaw_rad"),
@@ -36,3 +34,90 @@ ERROR_COLUMNS = (
 """Header of errors.csv."""
 NEAR = 4.5
 """Range up to which pallets should be found, in metres."""
+
+
+def demo(
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results; made if missing.")] = Path(
+        "palletloc-demo"
+    ),
+) -> None:
+    """Localize the pallets of the sample that comes along.
+
+    Writes the results of every shot, their errors against the truth, pictures, and index.html, which explains
+    them.
+    """
+    console = Console()
+    with as_file(files("palletloc") / "sample") as sample:
+        truth = read_truth(sample)
+        job = read_job(sample)
+        with console.status("Localizing"):
+            outcomes = _localize(job, out, sample)
+        with console.status("Drawing"):
+            comparison = _report(job, truth, outcomes, out)
+    console.print(_table(comparison))
+    console.print(Text(f"look at {out / PAGE}"), soft_wrap=True)
+
+
+def _localize(job: Job, out: Path, sample: Path) -> list[Outcome]:
+    run = Run.of(job.recording, str(job.localizer.method), repr(job.localizer.config))
+    with RunFolder(out, run, sample, job.shots) as output:
+        return list(work_through(job, output, strict=True))
+
+
+def _report(job: Job, truth: Truth, outcomes: Sequence[Outcome], out: Path) -> Comparison:
+    """Write what the run's own files do not tell: errors, pictures and the page."""
+    from palletloc.drawing.canvas import png  # drawing is slow to import
+    from palletloc.report.demo_page import DemoResult, demo_page
+    from palletloc.report.error_figure import error_figure
+    from palletloc.report.explanation_folder import write_explanation
+
+    center = job.localizer.mounting.center
+    found = [row for one in outcomes for row in one.rows if isinstance(row, PalletMeasurement)]
+    comparison = compare(found, truth, center)
+    write_rows(out / ERRORS, ERROR_COLUMNS, (_cells(error) for error in comparison.errors))
+    write_bytes(out / PICTURES / CHART, png(error_figure(comparison.errors)))
+    shown = max(range(len(outcomes)), key=lambda i: (len(outcomes[i].rows), -i))
+    image, explanation = job.explain(shown)
+    result = DemoResult(
+        comparison=comparison,
+        shots=len(outcomes),
+        near=_near(comparison, truth, outcomes, center),
+        near_range=NEAR,
+        seconds_per_shot=median(one.duration for one in outcomes),
+        pictures=write_explanation(job, image, explanation, out / PICTURES),
+        explained=explanation.file,
+        folder=PICTURES,
+        chart=f"{PICTURES}/{CHART}",
+    )
+    write_text(out / PAGE, demo_page(result))
+    return comparison
+
+
+def _near(comparison: Comparison, truth: Truth, outcomes: Iterable[Outcome], center: FloatArray) -> tuple[int, int]:
+    """Return how many pallets were found of how many that stand near, over all shots."""
+    found = sum(error.range <= NEAR for error in comparison.errors)
+    times = (outcome.shot.time for outcome in outcomes)
+    standing = (one for time in times for one in placed_pallets(truth, time, center))
+    return found, sum(one.range <= NEAR for one in standing)
+
+
+def _cells(error: PoseError) -> list[str]:
+    numbers = [error.range, *error.offset, *error.sigma]
+    texts = [format_time(error.time), error.file, error.pallet, error.model]
+    return texts + [format_number(float(number)) for number in numbers]
+
+
+def _table(comparison: Comparison) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), title="measured minus true", title_justify="left")
+    table.add_column("", no_wrap=True)
+    table.add_column("shot", no_wrap=True)
+    for heading in ("range m", "depth mm", "along mm", "height mm", "yaw \N{DEGREE SIGN}"):
+        table.add_column(heading, justify="right")
+    for error in comparison.errors:
+        depth, along, height = error.offset[:3] * 1000
+        cells = [f"{error.range:.2f}", *(f"{value:+.1f}" for value in (depth, along, height))]
+        cells.append(f"{np.degrees(error.offset[3]):+.2f}")
+        spread = [f"{value:.1f}" for value in error.sigma[:3] * 1000] + [f"{np.degrees(error.sigma[3]):.2f}"]
+        both = (f"{cell} \N{PLUS-MINUS SIGN} {sigma}" for cell, sigma in zip(cells[1:], spread, strict=True))
+        table.add_row(error.pallet, Path(error.file).stem, cells[0], *both)
+    return table

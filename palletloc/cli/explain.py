@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import json
-import re
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -18,22 +14,15 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from palletloc.candidate import Candidate, ShotView
 from palletloc.config import LocalizerConfig, Method
+from palletloc.drawing.naming import name_candidates
 from palletloc.errors import PalletLocError
-from palletloc.io.atomic import write_bytes, write_text
 from palletloc.io.config_file import read_config
-from palletloc.io.explanation import explanation_document
 from palletloc.io.starts import ShotStarts
 from palletloc.localizer import Explanation
-from palletloc.offline import Job, ShotError, read_job, shelf_at
+from palletloc.offline import Job, read_job
 
-NUMBERS = "explain.json"
-"""Name of the file with the numbers."""
 _PM, _DEGREE = "\N{PLUS-MINUS SIGN}", "\N{DEGREE SIGN}"
-_OURS = re.compile(
-    r"(1-shelf|2-yaw-\w+|3-position-\w+|4-face-\w+|5-overlay|5-overlay-whole|6-plan)\.(png|jpg)"
-)
 
 
 def explain(
@@ -49,9 +38,7 @@ def explain(
         Path | None,
         typer.Option(metavar="YAML", help="Parameters of your own; see palletloc config."),
     ] = None,
-    refused: Annotated[
-        bool, typer.Option("--refused", help="Draw the steps of what was given up, too.")
-    ] = False,
+    refused: Annotated[bool, typer.Option("--refused", help="Draw the steps of what was given up, too.")] = False,
 ) -> None:
     """Draw every stage of the localization of one shot.
 
@@ -87,14 +74,14 @@ def _single(job: Job, number: int) -> Job:
     return replace(job, given=(ShotStarts(shot, starts),))
 
 
-def _table(named: tuple[tuple[str, Candidate], ...]) -> Table:
+def _table(explanation: Explanation) -> Table:
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     table.add_column("", no_wrap=True)
     table.add_column("model")
     for heading in ("x m", "y m", "z m", f"{_PM} mm", f"yaw {_DEGREE}", f"{_PM} {_DEGREE}"):
         table.add_column(heading, justify="right", no_wrap=True)
     table.add_column("yaw from")
-    for name, one in named:
+    for name, one in name_candidates(explanation):
         if one.refusal is not None or one.pose is None or one.covariance is None:
             continue
         sigma = np.sqrt(np.diag(one.covariance))

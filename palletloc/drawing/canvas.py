@@ -50,15 +50,11 @@ def add_axes(figure: Figure, left: float, top: float, width: float, height: floa
     return axes
 
 
-def add_text(
-    figure: Figure, left: float, top: float, text: str, *, size: float = 10, bold: bool = False
-) -> None:
+def add_text(figure: Figure, left: float, top: float, text: str, *, size: float = 10, bold: bool = False) -> None:
     """Write a line whose upper left corner is told in pixels from the figure's upper left corner."""
     wide, high = figure.get_size_inches() * DPI
     color, weight = (INK, "bold") if bold else (FAINT, "normal")
-    figure.text(
-        left / wide, 1 - top / high, text, size=size, color=color, weight=weight, va="top", parse_math=False
-    )
+    figure.text(left / wide, 1 - top / high, text, size=size, color=color, weight=weight, va="top", parse_math=False)
 
 
 def png(figure: Figure) -> bytes:

@@ -119,8 +119,7 @@ def place_outline(model: PalletModel, pose: LevelPose, step: float = 0.01) -> li
     """
     target_from_face = pose.transform() * PALLET_FROM_VERTICAL
     return [
-        target_from_face.apply(np.column_stack([line, np.zeros(len(line))]))
-        for line in face_outline(model, step)
+        target_from_face.apply(np.column_stack([line, np.zeros(len(line))])) for line in face_outline(model, step)
     ]
 
 
@@ -146,9 +145,7 @@ def seen_on_plane(points: FloatArray, plane_from_camera: FloatArray) -> FloatArr
     return np.where(share > 0, met, np.nan)
 
 
-def project_line(
-    camera: CameraModel, camera_from_target: RigidTransform, line: FloatArray
-) -> list[FloatArray]:
+def project_line(camera: CameraModel, camera_from_target: RigidTransform, line: FloatArray) -> list[FloatArray]:
     """Return the curve of a line in the image, in pieces without a jump.
 
     Parameters

@@ -123,9 +123,7 @@ class Region:
     """In pixels."""
 
 
-def region_of_interest(
-    camera: CameraModel, camera_from_forklift: RigidTransform, marks: Sequence[Mark]
-) -> Region:
+def region_of_interest(camera: CameraModel, camera_from_forklift: RigidTransform, marks: Sequence[Mark]) -> Region:
     """Return the part of the image that shows pallets, with some space around them.
 
     Parameters are those of `draw_overlay`.

@@ -25,13 +25,12 @@ from palletloc.drawing.canvas import (
     new_figure,
     show_view,
 )
+from palletloc.drawing.naming import Named
 from palletloc.drawing.outline import place_outline, seen_on_plane
 from palletloc.geometry import FloatArray
 from palletloc.plane import PlaneView
 from palletloc.shelf_view import ShelfView
 
-Named = Sequence[tuple[str, Candidate]]
-"""Candidates with the short names that all pictures of a shot give them."""
 Outlined = tuple[str, Candidate, list[FloatArray]]
 """A candidate's name, the candidate, and the lines of its face as a view shows them."""
 

@@ -12,6 +12,7 @@ from palletloc.candidate import Candidate, ShotView
 from palletloc.drawing.canvas import MEASURED, REFUSED, png
 from palletloc.drawing.face_figure import face_figure
 from palletloc.drawing.horizontal_figure import horizontal_figure
+from palletloc.drawing.naming import name_candidates
 from palletloc.drawing.overlay import Mark, cut_out, draw_overlay, region_of_interest
 from palletloc.drawing.plan_figure import plan_figure
 from palletloc.drawing.shelf_figure import shelf_figure
@@ -19,9 +20,6 @@ from palletloc.drawing.sweep_figure import sweep_figure
 from palletloc.geometry import Image
 from palletloc.localizer import Explanation
 from palletloc.shelf import ShelfPlane
-
-Named = tuple[tuple[str, Candidate], ...]
-"""Candidates with the short names that all pictures of a shot give them."""
 
 _WHOLE_WIDTH = 1920
 _REGION_WIDTH = 1280
@@ -45,34 +43,6 @@ class Picture:
     def file(self) -> str:
         """Name of the file."""
         return self.stage + self.suffix
-
-
-def name_candidates(explanation: Explanation) -> Named:
-    """Give candidates short names: P1, P2, ... to pallets from left to right, C1, C2, ... to the others.
-
-    Parameters
-    ----------
-    explanation : Explanation
-        Of a shot.
-
-    Returns
-    -------
-    tuple of (str, Candidate)
-        Pallets first; the others by score, best first.
-    """
-    found = [one for one in explanation.candidates if one.refusal is None and one.pose is not None]
-    others = [one for one in explanation.candidates if not any(one is other for other in found)]
-    found.sort(key=_bearing, reverse=True)
-    others.sort(key=lambda one: one.score, reverse=True)
-    return (
-        *((f"P{i}", one) for i, one in enumerate(found, start=1)),
-        *((f"C{i}", one) for i, one in enumerate(others, start=1)),
-    )
-
-
-def _bearing(candidate: Candidate) -> float:
-    pose = candidate.pose or candidate.start
-    return float(np.arctan2(pose.y, pose.x))
 
 
 def stage_pictures(
@@ -99,9 +69,7 @@ def stage_pictures(
     named = name_candidates(explanation)
     if explanation.shelf_views:
         figure = shelf_figure(explanation.shelf_views, named)
-        yield Picture(
-            "1-shelf", "Where pallets were looked for, and where they were found", ".png", png(figure)
-        )
+        yield Picture("1-shelf", "Where pallets were looked for, and where they were found", ".png", png(figure))
     drawable = [(name, one) for name, one in named if np.isfinite(one.start.as_array()).all()]
     steps = [(name, one) for name, one in drawable if one.refusal is None or with_refused]
     yield from _candidate_pictures(steps, shot)

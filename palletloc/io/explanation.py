@@ -63,8 +63,7 @@ def _candidate(name: str, one: Candidate) -> dict[str, Any]:
         document["covariance"] = [_list(row) for row in one.covariance]
     if one.lines:
         document["hough_lines"] = [
-            {"turn_rad": _rounded(line.turn), "up_m": _rounded(line.up), "votes": line.votes}
-            for line in one.lines
+            {"turn_rad": _rounded(line.turn), "up_m": _rounded(line.up), "votes": line.votes} for line in one.lines
         ]
     parts = {
         "yaw": one.yaw and _yaw(one.yaw),

@@ -8,25 +8,15 @@ from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 
-from palletloc.geometry import LevelPose
 from palletloc.io.csv_table import Row, read_rows
 from palletloc.io.measurements import POSE_COLUMNS, read_pose
 from palletloc.io.recording import Shot
+from palletloc.localizer import Start
 
 START_COLUMNS = ("time_s", "model", *POSE_COLUMNS)
 """Header of the file."""
 TIME_TOLERANCE = 5e-4
 """How far a start's time may be from that of its shot, in seconds."""
-
-
-@dataclass(frozen=True, slots=True)
-class Start:
-    """Where a pallet should be measured."""
-
-    model: str
-    """Name of the pallet model."""
-    forklift_from_pallet: LevelPose
-    """Roughly where the pallet is when the shot is exposed."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -86,16 +86,12 @@ def placed_pallets(truth: Truth, time: float, camera_center: FloatArray) -> tupl
     forklift_from_world = truth.forklift.pose_at(time).transform().inv()
     poses = [level_pose(forklift_from_world * one.world_from_pallet.transform()) for one in truth.pallets]
     return tuple(
-        PlacedPallet(
-            one.id, one.model, pose, float(np.linalg.norm(pose.as_array()[:3] - np.asarray(camera_center)))
-        )
+        PlacedPallet(one.id, one.model, pose, float(np.linalg.norm(pose.as_array()[:3] - np.asarray(camera_center))))
         for one, pose in zip(truth.pallets, poses, strict=True)
     )
 
 
-def compare(
-    measurements: Iterable[PalletMeasurement], truth: Truth, camera_center: FloatArray
-) -> Comparison:
+def compare(measurements: Iterable[PalletMeasurement], truth: Truth, camera_center: FloatArray) -> Comparison:
     """Compare measurements with the truth.
 
     Parameters
@@ -127,9 +123,7 @@ def compare(
 def _match(found: Sequence[PalletMeasurement], pallets: Sequence[PlacedPallet]) -> dict[int, PlacedPallet]:
     """Return the true pallet of each measurement that has one, by the measurement's index."""
     pairs = [
-        (_distance(measured, pallet), i, k)
-        for i, measured in enumerate(found)
-        for k, pallet in enumerate(pallets)
+        (_distance(measured, pallet), i, k) for i, measured in enumerate(found) for k, pallet in enumerate(pallets)
     ]
     matched: dict[int, PlacedPallet] = {}
     taken: set[int] = set()

@@ -58,9 +58,7 @@ def error_figure(errors: Sequence[PoseError]) -> Figure:
     return figure
 
 
-def _draw_series(
-    axes: Axes, errors: Sequence[PoseError], axis: int, scale: float, place: tuple[int, int]
-) -> None:
+def _draw_series(axes: Axes, errors: Sequence[PoseError], axis: int, scale: float, place: tuple[int, int]) -> None:
     """Draw one pallet's errors; pallets of one shot stand side by side."""
     index, count = place
     times = np.array([error.time for error in errors]) + (index - (count - 1) / 2) * _BESIDE
@@ -77,4 +75,3 @@ def _draw_series(
         ecolor=(SERIES[index % len(SERIES)], 0.4),
         label=f"pallet {errors[0].pallet}",
     )
-

@@ -23,7 +23,7 @@ from palletloc.trajectory import Trajectory
 
 SHOTS = (0, 4, 8, 12, 16, 19)
 """Which shots of the source are kept."""
-COLUMNS, ROWS = (0.14, 0.53), (0.31, 0.75)
+COLUMNS, ROWS = (0.14, 0.53), (0.31, 0.80)
 """The part of the image that stays sharp: from the left border and from the upper one, 0 to 1."""
 FADE, BLUR = 0.012, 0.007
 """Width of the transition and sigma of the blur, in parts of the image's height."""

@@ -211,7 +211,7 @@ def _robust_lines(
     slope = _median(pairs, paired)
     slope = np.clip(slope, -2 * limit, 2 * limit)
     offset = _median(value - slope[:, None] * along, seen)
-    for _ in range(7):
+    for _ in range(5):
         residual = value - offset[:, None] - slope[:, None] * along
         scale = np.maximum(1.4826 * _median(np.abs(residual), seen), floor)
         weight = seen * np.clip(1 - (residual / (TUKEY * scale[:, None])) ** 2, 0, None) ** 2
@@ -222,7 +222,7 @@ def _robust_lines(
         # the limit acts as an observation of a zero slope
         squares = (weight * across**2).sum(axis=1) + (scale / limit) ** 2 + 1e-12
         update = (weight * across * value).sum(axis=1) / squares
-        done = np.abs(update - slope).max() < 1e-6
+        done = np.abs(update - slope).max() < 2e-5
         slope, offset = update, mean_value - update * mean_along
         if done:
             break

@@ -42,7 +42,7 @@ class FaceFitConfig:
     """Fewest edges that must be seen."""
     max_sigma: float = 0.5
     """Largest standard deviation of a position that is worth reporting, in metres."""
-    small_motion: float = 0.001
+    small_motion: float = 0.003
     """Below which motion, in metres and radians, the face is not viewed again."""
     slope_error_px: float = 0.15
     """How far each end of a level edge may lie off where its slope gives the yaw, in pixels of the camera's image."""

@@ -33,9 +33,7 @@ for place, turn in zip((-1.2, 1.2), TURNS_DEG, strict=True):
     origin = shelf + place * along
     yaw = facing + np.pi + np.radians(turn)
     into, left = np.array([np.cos(yaw), np.sin(yaw)]), np.array([-np.sin(yaw), np.cos(yaw)])
-    corners = [
-        origin + s * WIDTH / 2 * left + d * DEPTH * into for s, d in ((1, 0), (-1, 0), (-1, 1), (1, 1))
-    ]
+    corners = [origin + s * WIDTH / 2 * left + d * DEPTH * into for s, d in ((1, 0), (-1, 0), (-1, 1), (1, 1))]
     axes.add_patch(Polygon(corners, closed=True, facecolor="0.92", edgecolor="0.6"))
     axes.annotate(
         "",
@@ -45,17 +43,13 @@ for place, turn in zip((-1.2, 1.2), TURNS_DEG, strict=True):
     )
     axes.plot([origin[0], origin[0] + 0.9], [origin[1], origin[1]], ":", color="0.5")
     axes.add_patch(Arc(at(origin), 0.9, 0.9, theta1=0, theta2=np.degrees(yaw), color="tab:red"))
-    label = f"yaw {np.degrees(yaw):.0f} deg" + (
-        f"\n= facing + 180 {turn:+.0f}" if turn else "\n= facing + 180"
-    )
+    label = f"yaw {np.degrees(yaw):.0f} deg" + (f"\n= facing + 180 {turn:+.0f}" if turn else "\n= facing + 180")
     axes.text(*at(origin + np.array([0.5, 0.16])), label, color="tab:red")
     axes.plot(*origin, "ko", markersize=4)
 
 for direction, name, color in (((0.8, 0.0), "x", "tab:red"), ((0.0, 0.8), "y", "tab:green")):
     axes.annotate("", xy=direction, xytext=(0, 0), arrowprops={"arrowstyle": "-|>", "color": color})
-    axes.text(
-        direction[0] * 1.1, direction[1] * 1.1, name, color=color, ha="center", va="center", weight="bold"
-    )
+    axes.text(direction[0] * 1.1, direction[1] * 1.1, name, color=color, ha="center", va="center", weight="bold")
 axes.text(-0.08, -0.08, "forklift", ha="right", va="top", family="monospace")
 axes.plot(0, 0, "ko", markersize=4)
 axes.set(xlim=(-0.8, 5.9), ylim=(-0.4, 3.9), aspect="equal")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from importlib.resources import as_file, files
 from pathlib import Path
 from statistics import median
@@ -15,7 +15,6 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from palletloc.geometry import FloatArray
 from palletloc.io.atomic import write_bytes, write_text
 from palletloc.io.csv_table import format_number, write_rows
 from palletloc.io.measurements import format_time
@@ -23,7 +22,7 @@ from palletloc.io.run_folder import Run, RunFolder
 from palletloc.io.truth import Truth, read_truth
 from palletloc.measurement import PalletMeasurement
 from palletloc.offline import Job, Outcome, read_job, work_through
-from palletloc.report.comparison import Comparison, PoseError, compare, placed_pallets
+from palletloc.report.comparison import Comparison, MeasuredError, compare
 
 ERRORS, PAGE, PICTURES, CHART = "errors.csv", "index.html", "pictures", "errors.png"
 """Names of what the demo adds to the files of a run: files, the folder of pictures, and the chart in it."""
@@ -32,8 +31,6 @@ ERROR_COLUMNS = (
     *("sigma_depth_m", "sigma_along_m", "sigma_height_m", "sigma_yaw_rad"),
 )
 """Header of errors.csv."""
-NEAR = 4.5
-"""Range up to which pallets should be found, in metres."""
 
 
 def demo(
@@ -71,18 +68,16 @@ def _report(job: Job, truth: Truth, outcomes: Sequence[Outcome], out: Path) -> C
     from palletloc.report.error_figure import error_figure
     from palletloc.report.explanation_folder import write_explanation
 
-    center = job.localizer.mounting.center
     found = [row for one in outcomes for row in one.rows if isinstance(row, PalletMeasurement)]
-    comparison = compare(found, truth, center)
+    comparison = compare(job.recording, truth, found)
     write_rows(out / ERRORS, ERROR_COLUMNS, (_cells(error) for error in comparison.errors))
     write_bytes(out / PICTURES / CHART, png(error_figure(comparison.errors)))
-    shown = max(range(len(outcomes)), key=lambda i: (len(outcomes[i].rows), -i))
+    shown = max(range(len(outcomes)), key=lambda i: (len(outcomes[i].rows), i))
     image, explanation = job.explain(shown)
     result = DemoResult(
         comparison=comparison,
         shots=len(outcomes),
-        near=_near(comparison, truth, outcomes, center),
-        near_range=NEAR,
+        size=(job.recording.camera.width, job.recording.camera.height),
         seconds_per_shot=median(one.duration for one in outcomes),
         pictures=write_explanation(job, image, explanation, out / PICTURES),
         explained=explanation.file,
@@ -93,18 +88,10 @@ def _report(job: Job, truth: Truth, outcomes: Sequence[Outcome], out: Path) -> C
     return comparison
 
 
-def _near(comparison: Comparison, truth: Truth, outcomes: Iterable[Outcome], center: FloatArray) -> tuple[int, int]:
-    """Return how many pallets were found of how many that stand near, over all shots."""
-    found = sum(error.range <= NEAR for error in comparison.errors)
-    times = (outcome.shot.time for outcome in outcomes)
-    standing = (one for time in times for one in placed_pallets(truth, time, center))
-    return found, sum(one.range <= NEAR for one in standing)
-
-
-def _cells(error: PoseError) -> list[str]:
-    numbers = [error.range, *error.offset, *error.sigma]
-    texts = [format_time(error.time), error.file, error.pallet, error.model]
-    return texts + [format_number(float(number)) for number in numbers]
+def _cells(error: MeasuredError) -> list[str]:
+    measured, face = error.measured, error.error.face
+    texts = [format_time(measured.time), measured.file, face.id, measured.model]
+    return texts + [format_number(float(value)) for value in (face.range, *error.offset, *error.sigma)]
 
 
 def _table(comparison: Comparison) -> Table:
@@ -113,11 +100,9 @@ def _table(comparison: Comparison) -> Table:
     table.add_column("shot", no_wrap=True)
     for heading in ("range m", "depth mm", "along mm", "height mm", "yaw \N{DEGREE SIGN}"):
         table.add_column(heading, justify="right")
-    for error in comparison.errors:
-        depth, along, height = error.offset[:3] * 1000
-        cells = [f"{error.range:.2f}", *(f"{value:+.1f}" for value in (depth, along, height))]
-        cells.append(f"{np.degrees(error.offset[3]):+.2f}")
-        spread = [f"{value:.1f}" for value in error.sigma[:3] * 1000] + [f"{np.degrees(error.sigma[3]):.2f}"]
-        both = (f"{cell} \N{PLUS-MINUS SIGN} {sigma}" for cell, sigma in zip(cells[1:], spread, strict=True))
-        table.add_row(error.pallet, Path(error.file).stem, cells[0], *both)
+    to_shown = np.array([1000.0, 1000.0, 1000.0, 180 / np.pi])
+    for one in comparison.errors:
+        face, numbers = one.error.face, zip(one.offset * to_shown, one.sigma * to_shown, (1, 1, 1, 2), strict=True)
+        cells = (f"{value:+.{n}f} \N{PLUS-MINUS SIGN} {sigma:.{n}f}" for value, sigma, n in numbers)
+        table.add_row(face.id, Path(one.measured.file).stem, f"{face.range:.2f}", *cells)
     return table

@@ -16,10 +16,12 @@ from palletloc.pallet import PalletModel
 
 _SHIFT = 4
 """Binary digits of a pixel's fraction that OpenCV draws with."""
-_MARGIN = 0.35
+_MARGIN = 0.3
 """Free space around the pallets, in parts of the larger side of their box."""
-_MAX_ASPECT, _MIN_ASPECT = 2.6, 1.2
+_MAX_ASPECT, _MIN_ASPECT = 2.6, 1.5
 """Of the region of interest, width over height."""
+_LEAST_SHARE = 0.2
+"""Least width of the region of interest, in parts of the image's."""
 _HEADING = 0.6
 """Length of the line that shows where a pallet faces, in metres."""
 _BLACK = (20, 20, 20)
@@ -142,7 +144,8 @@ def region_of_interest(camera: CameraModel, camera_from_forklift: RigidTransform
         seen[:, 0] = _beside(seen[:, 0], camera.period_px)
     low, high = seen.min(axis=0), seen.max(axis=0)
     width, height = (high - low) + 2 * _MARGIN * float((high - low).max())
-    width, height = max(width, _MIN_ASPECT * height), max(height, width / _MAX_ASPECT)
+    width = max(width, _MIN_ASPECT * height, _LEAST_SHARE * camera.width)
+    height = max(height, width / _MAX_ASPECT)
     width, height = min(width, camera.width), min(height, camera.height)
     middle = (low + high) / 2
     left = middle[0] - width / 2

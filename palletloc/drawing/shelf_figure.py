@@ -12,9 +12,7 @@ from matplotlib.patheffects import withStroke
 
 from palletloc.candidate import Candidate
 from palletloc.drawing.canvas import (
-    FAINT,
     GRID,
-    INK,
     MEASURED,
     REFUSED,
     SERIES,
@@ -25,6 +23,7 @@ from palletloc.drawing.canvas import (
     new_figure,
     show_view,
 )
+from palletloc.drawing.labels import Label, write_labels
 from palletloc.drawing.naming import Named
 from palletloc.drawing.outline import place_outline, seen_on_plane
 from palletloc.geometry import FloatArray
@@ -183,14 +182,10 @@ def _draw_scores(axes: Axes, band: _Band) -> None:
     scores = [candidate.score for _, candidate, _ in band.outlines] or [0.0, 1.0]
     low, high = min(scores) - 0.06, max(scores) + 0.08
     axes.set(xlim=band.limits[:2], ylim=(low, high), ylabel="score of detection")
-    points = [
-        (float(np.nanmean(np.concatenate(lines)[:, 0])), candidate.score, name, candidate.refusal is None)
-        for name, candidate, lines in band.outlines
-    ]
-    for i, (place, score, name, found) in enumerate(sorted(points)):
-        axes.plot(place, score, "o" if found else "x", color=SERIES[2] if found else REFUSED, markersize=6)
-        # neighbours have their names on different sides
-        side, offset = ("left", (5, 3)) if found or i % 2 else ("right", (-5, -9))
-        label = axes.annotate(name, (place, score), xytext=offset, textcoords="offset points", ha=side)
-        size, weight, color = (10, "bold", INK) if found else (8, "normal", FAINT)
-        label.set(size=size, weight=weight, color=color)
+    labels = []
+    for name, candidate, lines in band.outlines:
+        place, found = float(np.nanmean(np.concatenate(lines)[:, 0])), candidate.refusal is None
+        mark, color = ("o", SERIES[2]) if found else ("x", REFUSED)
+        axes.plot(place, candidate.score, mark, color=color, markersize=6)
+        labels.append(Label(place, candidate.score, name, found))
+    write_labels(axes, labels)

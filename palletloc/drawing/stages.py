@@ -73,7 +73,9 @@ def stage_pictures(
     drawable = [(name, one) for name, one in named if np.isfinite(one.start.as_array()).all()]
     steps = [(name, one) for name, one in drawable if one.refusal is None or with_refused]
     yield from _candidate_pictures(steps, shot)
-    yield from _overlay_pictures(steps, shot)
+    # on the shelf, what was given up lies too densely to be told apart in the shot
+    seen = [(name, one) for name, one in steps if one.refusal is None or not explanation.shelf_views]
+    yield from _overlay_pictures(seen, shot)
     placed = [
         (name, one.model, one.pose, one.covariance)
         for name, one in named

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palletloc.drawing.stages import Picture
-from palletloc.report.comparison import Comparison, PoseError
+from palletloc.report.comparison import Comparison, MeasuredError
 from palletloc.report.page import (
     Column,
     commands,
@@ -75,10 +75,8 @@ class DemoResult:
     """Measurements against the truth."""
     shots: int
     """How many shots there are."""
-    near: tuple[int, int]
-    """How many pallets were found of how many that stand within `near_range`, over all shots."""
-    near_range: float
-    """In metres."""
+    size: tuple[int, int]
+    """Width and height of a shot, in pixels."""
     seconds_per_shot: float
     """Median time of a shot, without drawing."""
     pictures: tuple[Picture, ...]
@@ -103,21 +101,25 @@ def demo_page(result: DemoResult) -> str:
 
 
 def _summary(result: DemoResult) -> Iterator[str]:
-    errors = result.comparison.errors
+    comparison, (width, height) = result.comparison, result.size
+    errors, found = comparison.errors, comparison.found
     yield heading("Where the pallets stand, from single 360-degree shots", level=1)
     yield paragraph(
         f"A forklift drives along a rack and takes {result.shots} shots with a 360-degree camera. Each shot alone"
-        " tells where every pallet stands and where it is heading, with a covariance. The images are renderings,"
+        " tells where every pallet stands and which way it faces, and how sure that is. The images are renderings,"
         " so the true poses are known exactly, and this page compares.",
         "lead",
     )
     yield key_figures(
         [
-            (f"{result.near[0]} of {result.near[1]}", f"pallets found within {result.near_range:g} m, all shots"),
+            (
+                f"{found} of {found + len(comparison.missed)}",
+                f"pallets found within {comparison.sight.max_range:g} m, all shots",
+            ),
             (f"{_median(errors, 3) * 180 / np.pi:.2f}{_DEGREE}", "median error of yaw"),
             (f"{_median(errors, 0) * 1000:.1f} mm", "median error of depth"),
-            (str(len(result.comparison.unmatched)), "poses where no pallet stands"),
-            (f"{result.seconds_per_shot:.2f} s", "per shot of 3840 x 1920 pixels"),
+            (str(len(comparison.unmatched)), "poses where no pallet stands"),
+            (f"{result.seconds_per_shot:.2f} s", f"per shot of {width} x {height} pixels"),
         ]
     )
     yield _shown(result, "5-overlay", f"{result.explained}: outlines of the measured front faces, and the headings.")
@@ -127,17 +129,19 @@ def _steps(result: DemoResult) -> Iterator[str]:
     yield heading("How one shot is measured")
     yield paragraph(
         "Every stage of the shot above. Green is what was measured, yellow what it began with, pink what was not"
-        " used or given up. Pallets are named from left to right; a pallet level with the camera shows no"
-        " horizontal plane, so its face alone gives its heading, less exactly."
+        " used or given up. Pallets are named from left to right; the steps are those of one of them."
     )
+    # a pallet level with the camera has no picture of a horizontal plane
+    names = [one.stage.removeprefix("2-yaw-") for one in result.pictures if one.stage.startswith("2-yaw-")]
     for stage, text in _STEPS.items():
-        yield _shown(result, stage, text)
+        alone = stage in ("1-shelf", "6-plan")
+        yield _shown(result, stage if alone else f"{stage}-{names[0] if names else 'P1'}", text)
 
 
 def _shown(result: DemoResult, stage: str, caption: str) -> str:
-    """Return the picture of a stage; of several pallets, the first one's."""
+    """Return the picture of a stage, or nothing where there is none."""
     for one in result.pictures:
-        if one.stage == stage or one.stage.startswith(f"{stage}-P"):
+        if one.stage == stage:
             return picture(f"{result.folder}/{one.file}", caption, keep_wide=stage != "5-overlay")
     return ""
 
@@ -147,25 +151,29 @@ def _truth(result: DemoResult) -> Iterator[str]:
     yield heading("Against the truth")
     covered = np.concatenate([error.is_covered for error in errors]) if errors else np.ones(1)
     yield paragraph(
-        "Depth is the error into the shelf, along the error to the pallet's left. Beside each error stands the"
-        " standard deviation that the measurement states. Of all these numbers"
-        f" {100 * float(covered.mean()):.0f} % lie within two of them."
+        "Measured minus true: depth is into the shelf, along is to the pallet's left. Beside each error stands the"
+        " standard deviation that the measurement states;"
+        f" {100 * float(covered.mean()):.0f} in 100 errors lie within two of them. The pallets have the scene's"
+        " names here. One that is level with the camera shows no horizontal plane: its face alone gives its yaw,"
+        " less exactly."
     )
     yield picture(result.chart, "Errors of yaw and depth over the approach.", keep_wide=True)
     yield table(_COLUMNS, (_row(error) for error in errors))
 
 
-def _row(error: PoseError) -> list[str]:
+def _row(error: MeasuredError) -> list[str]:
     scale = np.array([1000.0, 1000.0, 1000.0, 180 / np.pi])
     decimals = (1, 1, 1, 2)
     cells = [
         f"{round(value, n) + 0.0:+.{n}f} {_PM} {sigma:.{n}f}"
         for value, sigma, n in zip(error.offset * scale, error.sigma * scale, decimals, strict=True)
     ]
-    return [error.pallet, error.file, f"{error.range:.2f}", *cells, str(error.yaw_from).replace("_", " ")]
+    face, measured = error.error.face, error.measured
+    source = str(measured.yaw_from).replace("_", " ")
+    return [face.id, measured.file, f"{face.range:.2f}", *cells, source]
 
 
-def _median(errors: Sequence[PoseError], axis: int) -> float:
+def _median(errors: Sequence[MeasuredError], axis: int) -> float:
     return float(np.median([abs(error.offset[axis]) for error in errors])) if errors else float("nan")
 
 

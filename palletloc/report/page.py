@@ -48,6 +48,7 @@ table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size
 th, td { padding: 6px 12px 6px 0; text-align: right; white-space: nowrap; border-bottom: 1px solid var(--line); }
 th { color: var(--faint); font-weight: 600; vertical-align: bottom; }
 th.text, td.text { text-align: left; }
+th.text:last-child, td.text:last-child { padding-left: 12px; }
 code { font: 0.92em/1.5 ui-monospace, SFMono-Regular, Menlo, Consolas, monospace; }
 pre { background: var(--soft); border-radius: 8px; padding: 14px 16px; overflow-x: auto; margin: 14px 0; }
 dl { display: grid; grid-template-columns: max-content 1fr; gap: 4px 20px; }

@@ -181,12 +181,12 @@ def floor_shot(
 
 
 @pytest.fixture(scope="session")
-def rack_pallets(epal: PalletModel) -> tuple[Placed, ...]:
+def rack_pallets(t11: PalletModel) -> tuple[Placed, ...]:
     """Return a pallet on the floor, one level with the camera of `rack_shot`, and one above it."""
     return (
-        (epal, LevelPose(-0.9, 2.0, 0.0, INTO + np.radians(1.0))),
-        (epal, LevelPose(0.6, 2.0, 1.23, INTO - np.radians(1.0))),
-        (epal, LevelPose(2.1, 2.0, 2.4, INTO + np.radians(0.7))),
+        (t11, LevelPose(-0.4, 2.0, 0.0, INTO + np.radians(1.0))),
+        (t11, LevelPose(1.0, 2.0, 1.23, INTO - np.radians(1.0))),
+        (t11, LevelPose(2.4, 2.0, 2.4, INTO + np.radians(0.7))),
     )
 
 
@@ -195,7 +195,7 @@ def rack_shot(
     photograph: Callable[..., ShotView], rack_pallets: tuple[Placed, ...], whole_view: CameraModel
 ) -> ShotView:
     """Return a 360-degree shot from a camera 1.3 m above the floor."""
-    return photograph(rack_pallets, whole_view, (0.4, 0.0, 1.3, 0.5, -0.4, 0.6))
+    return photograph(rack_pallets, whole_view, (0.1, 0.0, 1.3, 0.5, -0.4, 0.6))
 
 
 @pytest.fixture(scope="session")

@@ -12,7 +12,7 @@ from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 from palletloc.horizontal_view import view_horizontal
 from palletloc.joint_search import search_jointly
 from palletloc.measurement import Reason, Stage, YawSource
-from palletloc.pipeline import horizontal_plane_for, nearest_line
+from palletloc.pipeline import horizontal_plane_for, nearest_line, out_of_sight
 from palletloc.position import sweep
 from palletloc.yaw import find_lines
 
@@ -32,9 +32,10 @@ def measure_as_in_paper(shot: ShotView, candidate: Candidate, config: LocalizerC
     config : LocalizerConfig
         Parameters.
     """
+    hidden = out_of_sight(shot, candidate, config)
+    if hidden is not None:
+        return candidate.refuse(Stage.START, hidden)
     source = horizontal_plane_for(shot, candidate, config)
-    if isinstance(source, Reason):
-        return candidate.refuse(Stage.START, source)
     if source is YawSource.FACE:
         return candidate.refuse(Stage.YAW, Reason.NO_LINE)
     pose = candidate.start
@@ -83,6 +84,9 @@ def measure_jointly(shot: ShotView, candidate: Candidate, config: LocalizerConfi
     config : LocalizerConfig
         Parameters.
     """
+    hidden = out_of_sight(shot, candidate, config)
+    if hidden is not None:
+        return candidate.refuse(Stage.START, hidden)
     found = search_jointly(
         shot.projector,
         shot.image,

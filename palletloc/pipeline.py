@@ -12,8 +12,8 @@ from palletloc.candidate import Candidate, ShotView
 from palletloc.config import LocalizerConfig
 from palletloc.contrast import face_contrast
 from palletloc.face_fit import YawPrior, fit_face
-from palletloc.face_view import view_face
-from palletloc.geometry import LevelPose, wrap_angle
+from palletloc.face_view import MIN_DISTANCE, view_face
+from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 from palletloc.horizontal_view import horizontal_source, view_horizontal
 from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
 from palletloc.position import sweep
@@ -22,6 +22,8 @@ from palletloc.yaw import find_lines, measure_line, measure_yaw
 
 GLANCE_RESOLUTION = 0.006
 """Metres per pixel of the view that tells most places from a pallet at a glance."""
+RANGE_SLACK = 1.2
+"""How much farther than detections a given start may be."""
 FACE_ATTEMPTS = 3
 """How many peaks of the sweep are tried where only the face gives the yaw."""
 RIVAL_MARGIN = 0.05
@@ -42,9 +44,10 @@ def measure_on_planes(shot: ShotView, candidate: Candidate, config: LocalizerCon
     config : LocalizerConfig
         Parameters.
     """
+    hidden = out_of_sight(shot, candidate, config)
+    if hidden is not None:
+        return candidate.refuse(Stage.START, hidden)
     source = horizontal_plane_for(shot, candidate, config)
-    if isinstance(source, Reason):
-        return candidate.refuse(Stage.START, source)
     pose = _line_yaw(shot, candidate, source, config)
     swept = sweep(
         shot.projector,
@@ -88,7 +91,7 @@ def _attempts(
             continue  # it would lead to the same pose
         if not _looks_like_pallet(shot, candidate, peak):
             continue
-        attempt = replace(candidate)
+        attempt = replace(candidate, horizontal=list(candidate.horizontal))
         _fit(shot, attempt, _voted_yaw(shot, attempt, source, peak, config), config)
         attempts.append(attempt)
         certain = attempt.face is not None and attempt.face.doubt < config.face_fit.max_doubt
@@ -133,16 +136,43 @@ def _near(one: LevelPose, other: LevelPose) -> bool:
     return bool(apart < 0.04 and abs(wrap_angle(one.yaw - other.yaw)) < np.radians(2.0))
 
 
-def horizontal_plane_for(shot: ShotView, candidate: Candidate, config: LocalizerConfig) -> YawSource | Reason:
-    """Choose the horizontal plane, or tell why the face cannot be seen."""
-    start = candidate.start
-    x, y, z = shot.mounting.center - np.array([start.x, start.y, start.z])
-    distance = -(x * np.cos(start.yaw) + y * np.sin(start.yaw))
-    if distance < 0.2:
-        return Reason.BEHIND_FACE
-    if np.hypot(x, y) > 1.2 * config.detection.max_range:
+def out_of_sight(shot: ShotView, candidate: Candidate, config: LocalizerConfig) -> Reason | None:
+    """Tell why a candidate's face cannot be seen where it begins.
+
+    Parameters
+    ----------
+    shot : ShotView
+        The shot.
+    candidate : Candidate
+        The candidate.
+    config : LocalizerConfig
+        Parameters.
+
+    Returns
+    -------
+    Reason or None
+        `Reason.OUT_OF_RANGE`, `Reason.BEHIND_FACE` or None.
+    """
+    if np.hypot(*_from_camera(shot, candidate)[:2]) > RANGE_SLACK * config.detection.max_range:
         return Reason.OUT_OF_RANGE
-    return horizontal_source(candidate.model, z, distance, config.yaw)
+    return Reason.BEHIND_FACE if _distance(shot, candidate) < MIN_DISTANCE else None
+
+
+def horizontal_plane_for(shot: ShotView, candidate: Candidate, config: LocalizerConfig) -> YawSource:
+    """Choose the edge of a candidate's face that the horizontal plane goes through."""
+    below = -float(_from_camera(shot, candidate)[2])
+    return horizontal_source(candidate.model, below, _distance(shot, candidate), config.yaw)
+
+
+def _from_camera(shot: ShotView, candidate: Candidate) -> FloatArray:
+    start = candidate.start
+    return np.array([start.x, start.y, start.z]) - shot.mounting.center
+
+
+def _distance(shot: ShotView, candidate: Candidate) -> float:
+    """Return the distance of the camera from the plane of the face, negative behind it, in metres."""
+    x, y, _ = _from_camera(shot, candidate)
+    return float(x * np.cos(candidate.start.yaw) + y * np.sin(candidate.start.yaw))
 
 
 def _line_yaw(shot: ShotView, candidate: Candidate, source: YawSource, config: LocalizerConfig) -> LevelPose:

@@ -50,7 +50,7 @@ class ShelfPlane:
         return ShelfPlane(
             float(cos * dx + sin * dy),
             float(cos * dy - sin * dx),
-            wrap_angle(self.facing - odom_from_forklift.yaw),
+            float(wrap_angle(self.facing - odom_from_forklift.yaw)),
             self.levels,
             drift,
         )

@@ -53,8 +53,7 @@ class OddPolynomial:
         1.0
         """
         return min(
-            _first_root(coefficients, -margin)
-            for coefficients in (self.coefficients, self._slope_coefficients)
+            _first_root(coefficients, -margin) for coefficients in (self.coefficients, self._slope_coefficients)
         )
 
     def inverse(self, values: FloatArray, upper: float) -> FloatArray:

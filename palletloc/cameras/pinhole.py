@@ -98,9 +98,7 @@ class Pinhole:
         pixels = np.asarray(pixels, dtype=np.float64)
         seen = np.where(inside_image(pixels, self.width, self.height)[..., None], pixels, np.nan)
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            right, down = self._undistort(
-                (seen[..., 0] - self.cx) / self.fx, (seen[..., 1] - self.cy) / self.fy
-            )
+            right, down = self._undistort((seen[..., 0] - self.cx) / self.fx, (seen[..., 1] - self.cy) / self.fy)
             squared = right * right + down * down
             valid = squared <= self._max_radius**2
             forward = 1 / np.sqrt(1 + squared)
@@ -112,9 +110,7 @@ class Pinhole:
         """Return the optical centre, the origin, for each point. See `CameraModel.centers`."""
         return np.zeros(np.shape(points_camera))
 
-    def _distort(
-        self, right: FloatArray, down: FloatArray, squared: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
+    def _distort(self, right: FloatArray, down: FloatArray, squared: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Distort points on the plane one focal length ahead, given with their squared radius."""
         factor = self._radius.factor(squared)
         if not (self.p1 or self.p2):

@@ -42,11 +42,13 @@ class Command:
 
 COMMANDS = (
     Command("demo", "palletloc.cli.demo:demo", "Localize the pallets of the sample that comes along."),
-    Command(
-        "localize", "palletloc.cli.localize:localize", "Measure the pallets in each shot of a recording."
-    ),
+    Command("localize", "palletloc.cli.localize:localize", "Measure the pallets in each shot of a recording."),
     Command("explain", "palletloc.cli.explain:explain", "Draw every stage of the localization of one shot."),
-    Command("simulate", "palletloc.cli.simulate:simulate", "Write a synthetic recording with its truth."),
+    Command(
+        "simulate",
+        "palletloc.cli.simulate:simulate",
+        "Write a synthetic recording with its truth: an approach to a rack, drawn from a seed.",
+    ),
     Command("pallets", "palletloc.cli.pallets:pallets", "List and draw the pallet models."),
     Command("config", "palletloc.cli.config:config", "Print every parameter with its default."),
 )

@@ -34,9 +34,7 @@ def localize(
         Path | None,
         typer.Option(metavar="YAML", help="Parameters of your own; see palletloc config."),
     ] = None,
-    strict: Annotated[
-        bool, typer.Option("--strict", help="Stop at the first shot that cannot be used.")
-    ] = False,
+    strict: Annotated[bool, typer.Option("--strict", help="Stop at the first shot that cannot be used.")] = False,
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with an interrupted run; try its skipped shots again.")
     ] = False,
@@ -121,9 +119,7 @@ def _add_counts(table: Table, title: str, counts: Counter[str]) -> None:
         table.add_row("" if position else title, Text(name), str(count))
 
 
-def _follow(
-    job: Job, output: RunFolder, tally: Tally, console: Console, *, strict: bool, verbose: bool
-) -> None:
+def _follow(job: Job, output: RunFolder, tally: Tally, console: Console, *, strict: bool, verbose: bool) -> None:
     """Work through the shots; show how far that is where somebody is looking."""
     columns = (TextColumn("Localizing"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:

@@ -43,14 +43,12 @@ def simulate(
         typer.Option(help="Height that loads stand on, in metres; may be repeated (0 and 1.55 if none)."),
     ] = None,
     blur: Annotated[float, typer.Option(min=0, max=20, help="Blur, in pixels (one sigma).")] = 0.6,
-    noise: Annotated[
-        float, typer.Option(min=0, max=100, help="Noise, in grey levels of 255 (one sigma).")
-    ] = 1.5,
+    noise: Annotated[float, typer.Option(min=0, max=100, help="Noise, in grey levels of 255 (one sigma).")] = 1.5,
     gain: Annotated[float, typer.Option(min=0.01, max=100, help="Exposure.")] = 1.0,
     occluders: Annotated[int, typer.Option(min=0, help="Pallets that something stands before.")] = 0,
     gloss: Annotated[float, typer.Option(min=0, max=1, help="How much the floor mirrors.")] = 0.0,
 ) -> None:
-    """Write a synthetic recording with its truth: an approach to a rack of pallets, drawn from a seed."""
+    """Write a synthetic recording with its truth: an approach to a rack, drawn from a seed."""
     aisle = AisleSpec(
         models=find_models(model or ["epal1-1200"], {}),
         side=side,
@@ -94,9 +92,7 @@ def save_simulation(folder: Path, simulation: Simulation, images: Iterable[Image
         forklift_from_camera=simulation.recorded_mounting,
         shelf=simulation.shelf,
         models=spec.aisle.models,
-        shots=tuple(
-            Shot(float(time), f"images/{index:06d}.jpg") for index, time in enumerate(simulation.times)
-        ),
+        shots=tuple(Shot(float(time), f"images/{index:06d}.jpg") for index, time in enumerate(simulation.times)),
         odometry=simulation.odometry,
         translation_sigma=(translation,) * 3 if translation else None,
         rotation_sigma=(rotation,) * 3 if rotation else None,

@@ -60,7 +60,7 @@ def add_text(figure: Figure, left: float, top: float, text: str, *, size: float 
 def png(figure: Figure) -> bytes:
     """Return a figure as the content of a PNG file."""
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png")
+    figure.savefig(buffer, format="png", pil_kwargs={"compress_level": 4})
     return buffer.getvalue()
 
 

@@ -180,7 +180,7 @@ def _draw_scores(axes: Axes, band: _Band) -> None:
     axes.grid(color=GRID, linewidth=0.6)
     axes.set_axisbelow(True)
     scores = [candidate.score for _, candidate, _ in band.outlines] or [0.0, 1.0]
-    low, high = min(scores) - 0.06, max(scores) + 0.08
+    low, high = min(scores) - 0.06, max(scores) + 0.16
     axes.set(xlim=band.limits[:2], ylim=(low, high), ylabel="score of detection")
     labels = []
     for name, candidate, lines in band.outlines:

@@ -118,9 +118,7 @@ class ShotErrors:
             self,
             errors=tuple(one for one in self.errors if low <= one.face.below < high),
             missed=tuple(face for face in self.missed if low <= face.below < high),
-            false=tuple(
-                one for one in self.false if low <= self.camera_height - one.forklift_from_pallet.z < high
-            ),
+            false=tuple(one for one in self.false if low <= self.camera_height - one.forklift_from_pallet.z < high),
         )
 
 
@@ -169,9 +167,7 @@ def true_faces(
     return faces
 
 
-def _seen(
-    pose: LevelPose, width: float, forklift_from_camera: RigidTransform, sight: Sight
-) -> tuple[float, bool]:
+def _seen(pose: LevelPose, width: float, forklift_from_camera: RigidTransform, sight: Sight) -> tuple[float, bool]:
     """Return a face's range, and whether all of it lies on one side, within the bearings and the range."""
     edge = np.array([[0.0, side * width / 2, 0.0] for side in (-1, 0, 1)])
     points = forklift_from_camera.inv().apply(pose.transform().apply(edge))

@@ -97,9 +97,7 @@ def _spread(values: list[float]) -> Spread | None:
     if not values:
         return None
     size = np.abs(values)
-    return Spread(
-        float(np.median(size)), float(np.percentile(size, 95)), float(size.max()), float(np.median(values))
-    )
+    return Spread(float(np.median(size)), float(np.percentile(size, 95)), float(size.max()), float(np.median(values)))
 
 
 def _mean(values: list[float]) -> float:

@@ -72,8 +72,7 @@ def _check_content(path: Path, content: bytes, size: tuple[int, int] | None) -> 
     width, height, complete = header
     if not (0 < width <= MAX_SIDE_PX and 0 < height <= MAX_SIDE_PX and width * height <= MAX_PIXELS):
         raise ImageError(
-            f"{path}: is {width} x {height} px;"
-            f" expected at most {MAX_SIDE_PX} px a side and {MAX_PIXELS} px in all"
+            f"{path}: is {width} x {height} px; expected at most {MAX_SIDE_PX} px a side and {MAX_PIXELS} px in all"
         )
     if size is not None and (width, height) != size:
         raise ImageError(f"{path}: is {width} x {height} px, the camera is {size[0]} x {size[1]} px")

@@ -16,9 +16,7 @@ from palletloc.measurement import PalletMeasurement, Reason, Refusal, Stage, Yaw
 
 POSE_COLUMNS = ("x_m", "y_m", "z_m", "yaw_rad")
 """A level pose."""
-COVARIANCE_COLUMNS = tuple(
-    f"cov_{first}{second}" for first, second in combinations_with_replacement("xyzw", 2)
-)
+COVARIANCE_COLUMNS = tuple(f"cov_{first}{second}" for first, second in combinations_with_replacement("xyzw", 2))
 """The upper triangle of the covariance of (x, y, z, yaw), row by row; ``w`` is the yaw."""
 MEASUREMENT_COLUMNS = ("time_s", "file", "model", *POSE_COLUMNS, *COVARIANCE_COLUMNS, "score", "yaw_from")
 """Header of measurements.csv."""

@@ -269,9 +269,7 @@ def _spec(recording: Recording) -> RecordingSpec:
             translation_sigma_m=recording.translation_sigma,
             rotation_sigma_deg=None if rotation_sigma is None else tuple(degrees(s) for s in rotation_sigma),
         ),
-        shelf=ShelfSpec(
-            point_m=(shelf.x, shelf.y), facing_deg=degrees(shelf.facing), levels_m=shelf.levels or None
-        ),
+        shelf=ShelfSpec(point_m=(shelf.x, shelf.y), facing_deg=degrees(shelf.facing), levels_m=shelf.levels or None),
         pallets=tuple(model.name for model in recording.models),
     )
 

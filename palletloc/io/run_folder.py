@@ -102,9 +102,7 @@ class RunFolder:
         If the folder cannot be written.
     """
 
-    def __init__(
-        self, folder: Path, run: Run, source: Path, shots: Sequence[Shot], *, resume: bool = False
-    ) -> None:
+    def __init__(self, folder: Path, run: Run, source: Path, shots: Sequence[Shot], *, resume: bool = False) -> None:
         self._folder = folder
         self._run = run
         self._source = source
@@ -147,9 +145,7 @@ class RunFolder:
             if number not in self._done:
                 yield number, shot
 
-    def add(
-        self, number: int, rows: Sequence[PalletMeasurement | NoPose], refusals: Sequence[Refusal]
-    ) -> None:
+    def add(self, number: int, rows: Sequence[PalletMeasurement | NoPose], refusals: Sequence[Refusal]) -> None:
         """Keep what a shot gave.
 
         Parameters

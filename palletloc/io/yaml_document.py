@@ -53,9 +53,7 @@ class Numbers:
         What each number must be.
     """
 
-    def __init__(
-        self, count: int | None = None, *, positive: bool = False, non_negative: bool = False
-    ) -> None:
+    def __init__(self, count: int | None = None, *, positive: bool = False, non_negative: bool = False) -> None:
         self._count = count
         self._positive = positive
         self._non_negative = non_negative

@@ -162,9 +162,7 @@ def _draw_pallet(
     return StandingPallet(name, model, frame.world(inwards, along, level, yaw))
 
 
-def _bodies(
-    spec: AisleSpec, pallet: StandingPallet, max_height: float, rng: np.random.Generator
-) -> list[Solid]:
+def _bodies(spec: AisleSpec, pallet: StandingPallet, max_height: float, rng: np.random.Generator) -> list[Solid]:
     """Return a pallet's body and its load."""
     moulded = pallet.model.edge_radius >= _MOULDED_RADIUS
     materials = PLASTICS if moulded else WOODS
@@ -205,9 +203,7 @@ def misshapen(model: PalletModel, misfit: float, rng: np.random.Generator) -> Pa
 
     openings = tuple(shaped(opening) for opening in model.openings)
     least = max((o.bottom + o.height for o in openings), default=0.0) + 0.01
-    return replace(
-        model, width=model.width + off(), height=max(model.height + off(), least), openings=openings
-    )
+    return replace(model, width=model.width + off(), height=max(model.height + off(), least), openings=openings)
 
 
 def _occluders(

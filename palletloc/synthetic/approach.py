@@ -118,6 +118,4 @@ def _motion(poses: FloatArray) -> FloatArray:
     """Return each pose in the frame of the one before, (n - 1, 3)."""
     delta = np.diff(poses, axis=0)
     cos, sin = np.cos(poses[:-1, 2]), np.sin(poses[:-1, 2])
-    return np.stack(
-        [cos * delta[:, 0] + sin * delta[:, 1], cos * delta[:, 1] - sin * delta[:, 0], delta[:, 2]], -1
-    )
+    return np.stack([cos * delta[:, 0] + sin * delta[:, 1], cos * delta[:, 1] - sin * delta[:, 0], delta[:, 2]], -1)

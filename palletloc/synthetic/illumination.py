@@ -51,9 +51,7 @@ def light_of(kind: Illumination, rng: np.random.Generator) -> Light:
     elevation = np.radians(rng.uniform(22, 40) if low else rng.uniform(50, 80))
     heading = rng.uniform(-np.pi, np.pi)
     spread = np.radians(1.5 if kind is Illumination.SPOT else 4.0)
-    key = _directions(
-        elevation + spread * rng.standard_normal(_KEY), heading + spread * rng.standard_normal(_KEY)
-    )
+    key = _directions(elevation + spread * rng.standard_normal(_KEY), heading + spread * rng.standard_normal(_KEY))
     sky = _sky(rng)
     # level ground in full light has irradiance 1, of which the key lamp gives its share
     key_weight = share / key[:, 2].sum()

@@ -62,10 +62,7 @@ class LightField:
     def irradiance(self, points: Samples, normals: Samples) -> Samples:
         """Return the (N,) irradiance at (3, N) points of surfaces with (3, N) normals, in the world."""
         lit = np.zeros(points.shape[1], np.float32)
-        lifted = {
-            texel: points + np.float32(_LIFT_TEXELS * texel) * normals
-            for texel in (_SHARP_TEXEL, _SOFT_TEXEL)
-        }
+        lifted = {texel: points + np.float32(_LIFT_TEXELS * texel) * normals for texel in (_SHARP_TEXEL, _SOFT_TEXEL)}
         for index, direction in enumerate(self.light.directions):
             facing = np.array(direction, np.float32) @ normals
             facing *= np.float32(self.light.weights[index])
@@ -104,9 +101,7 @@ def light_field(scene: Scene) -> LightField:
     points[0], points[1] = np.tile(x, rows), np.repeat(y, columns)
     up = np.zeros_like(points)
     up[2] = 1.0
-    dark = LightField(
-        scene.light, maps, np.zeros((1, 1), np.float32), (0.0, 0.0)
-    )  # level ground sees no floor
+    dark = LightField(scene.light, maps, np.zeros((1, 1), np.float32), (0.0, 0.0))  # level ground sees no floor
     floor = dark.irradiance(points, up).reshape(rows, columns)
     return LightField(scene.light, maps, floor, (float(low[0]), float(low[1])))
 
@@ -118,9 +113,7 @@ def _shaded_floor(scene: Scene, corners: Sequence[FloatArray]) -> tuple[FloatArr
         return room_low, room_low
     points = np.concatenate(corners, axis=1)
     feet = [points[:2]]
-    feet += [
-        points[:2] - np.outer(d[:2], points[2] / d[2]) for d in scene.light.directions[: scene.light.sharp]
-    ]
+    feet += [points[:2] - np.outer(d[:2], points[2] / d[2]) for d in scene.light.directions[: scene.light.sharp]]
     reached = np.concatenate(feet, axis=1)
     low = np.maximum(room_low, reached.min(axis=1) - _MARGIN)
     return low, np.minimum(room_high, reached.max(axis=1) + _MARGIN)

@@ -117,8 +117,7 @@ class PalletBody:
         joined = [(np.array([0.0, self.low[1], deck]), self.high)]
         if any(o.open_below for o in model.openings) and len(self.rows) > 1:
             joined += [
-                (np.array([0.0, -right, 0.0]), np.array([model.depth, -left, _BOARD]))
-                for left, right in self.stands
+                (np.array([0.0, -right, 0.0]), np.array([model.depth, -left, _BOARD])) for left, right in self.stands
             ]
         return tuple(joined)
 

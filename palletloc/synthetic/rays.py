@@ -170,9 +170,7 @@ def _expanded(origins: Samples, kept: Indices) -> Samples:
     return origins[:, kept] if origins.shape[1] > 1 else np.repeat(origins, len(kept), axis=1)
 
 
-def _unproject(
-    camera: CameraModel, pixels: Indices, offset: FloatArray
-) -> tuple[Samples, Samples, BoolArray]:
+def _unproject(camera: CameraModel, pixels: Indices, offset: FloatArray) -> tuple[Samples, Samples, BoolArray]:
     """Return (3, N) origins, (3, N) directions and (N,) validity."""
     places = np.stack([pixels % camera.width, pixels // camera.width], -1) + offset
     directions, origins, valid = camera.unproject(places.astype(np.float64))

@@ -31,9 +31,7 @@ class Picture:
     """(height, width) index of the solid at each pixel's centre, a part of the room, or `UNSEEN`."""
 
 
-def render(
-    scene: LitScene, rays: CameraRays, world_from_camera: RigidTransform, smooth: bool = True
-) -> Picture:
+def render(scene: LitScene, rays: CameraRays, world_from_camera: RigidTransform, smooth: bool = True) -> Picture:
     """Return the picture that a camera takes of a scene.
 
     A pixel's value is the mean over its area where something changes within it, else that of its centre.

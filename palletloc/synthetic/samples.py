@@ -41,7 +41,5 @@ def lookup(image: Samples, columns: Samples, rows: Samples, outside: float = 0.0
     padded[0, :count] = columns
     padded[1, :count] = rows
     maps = padded.reshape(2, height, width)
-    read = cv2.remap(
-        image, maps[0], maps[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=outside
-    )
+    read = cv2.remap(image, maps[0], maps[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=outside)
     return np.asarray(read, np.float32).reshape(-1)[:count]

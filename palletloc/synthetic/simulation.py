@@ -175,9 +175,7 @@ def _draw_approach(rng: np.random.Generator) -> Approach:
     )
 
 
-def _nominal_shelf(
-    spec: SimulationSpec, aisle: Aisle, approach: Approach, rng: np.random.Generator
-) -> ShelfPlane:
+def _nominal_shelf(spec: SimulationSpec, aisle: Aisle, approach: Approach, rng: np.random.Generator) -> ShelfPlane:
     """Return the plane of the fronts as the recording says it: in odom, and off."""
     offset, turn = rng.uniform(-1, 1, 2) * (spec.plane_offset, spec.plane_turn)
     middle = aisle.frame.world(float(offset), approach.start.x + approach.length, 0.0)

@@ -121,9 +121,7 @@ def _grain(solid: Solid, local: Samples, axis: Indices, size: Samples) -> Sample
     return textured(solid.material, u, v, size)
 
 
-def _stick(
-    decal: Decal, solid: Solid, local: Samples, normals: Samples, size: Samples, colour: Samples
-) -> None:
+def _stick(decal: Decal, solid: Solid, local: Samples, normals: Samples, size: Samples, colour: Samples) -> None:
     """Paint one decal over the colours of a face."""
     face = np.flatnonzero(normals[decal.axis] * decal.sign > 0.9)
     if not len(face):

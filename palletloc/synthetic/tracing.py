@@ -92,9 +92,7 @@ def turned_to_solid(world_from_solid: LevelPose, vectors: Samples) -> Samples:
     return np.stack([cos * vectors[0] + sin * vectors[1], cos * vectors[1] - sin * vectors[0], vectors[2]])
 
 
-def trace(
-    rays: Rays, solids: Sequence[Solid], spheres: Spheres | None, room: Room, pixel_angle: float = 0.0
-) -> Hits:
+def trace(rays: Rays, solids: Sequence[Solid], spheres: Spheres | None, room: Room, pixel_angle: float = 0.0) -> Hits:
     """Find the first thing along each ray.
 
     Parameters
@@ -202,9 +200,7 @@ class _Grazing:
         )
 
 
-def _enter(
-    rays: Rays, chosen: Indices, solid: Solid, index: int, hits: Hits, pixel_angle: float
-) -> _Grazing | None:
+def _enter(rays: Rays, chosen: Indices, solid: Solid, index: int, hits: Hits, pixel_angle: float) -> _Grazing | None:
     """Enter into the hits where rays meet the faces of a solid's bounds; return those that go on inside."""
     directions = turned_to_solid(solid.world_from_solid, rays.directions.take(chosen, axis=1))
     single = rays.origins.shape[1] == 1

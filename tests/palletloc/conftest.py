@@ -44,6 +44,7 @@ LAMPS = Light(
     ((0.3, 0.2, 0.93), (-0.5, -0.4, 0.77), (0.6, -0.5, 0.62), (-0.2, 0.7, 0.68)),
     (0.45, 0.2, 0.2, 0.15),
     sharp=1,
+    bounce=0.12,
 )
 INTO = np.pi / 2
 """Heading into a shelf on the left."""
@@ -164,10 +165,10 @@ def portrait(photograph: Callable[..., ShotView], narrow_view: CameraModel) -> C
 
 
 @pytest.fixture(scope="session")
-def floor_pallets(epal: PalletModel, t11: PalletModel) -> tuple[Placed, ...]:
+def floor_pallets(open_below: PalletModel, t11: PalletModel) -> tuple[Placed, ...]:
     """Return two pallets on the floor to the left, each a little turned."""
     return (
-        (epal, LevelPose(0.6, 2.0, 0.0, INTO + np.radians(1.5))),
+        (open_below, LevelPose(0.6, 2.0, 0.0, INTO + np.radians(1.5))),
         (t11, LevelPose(2.1, 2.03, 0.0, INTO - np.radians(2.0))),
     )
 

@@ -31,10 +31,12 @@ def detected(
 def hits(found: Sequence[Detection], model: PalletModel, truth: LevelPose) -> list[int]:
     """Ranks of the detections of a model that are right to some centimetres and degrees."""
     good = []
+    cos, sin = np.cos(truth.yaw), np.sin(truth.yaw)
     for rank, one in enumerate(found):
-        pose = one.forklift_from_pallet
-        near = np.hypot(pose.x - truth.x, pose.y - truth.y) < 0.08 and abs(pose.z - truth.z) < 0.06
-        if one.model == model and near and abs(wrap_angle(pose.yaw - truth.yaw)) < np.radians(4.0):
+        dx, dy, dz, turn = one.forklift_from_pallet.as_array() - truth.as_array()
+        along, depth = sin * dx - cos * dy, cos * dx + sin * dy
+        near = abs(along) < 0.06 and abs(depth) < 0.12 and abs(dz) < 0.06
+        if one.model == model and near and abs(wrap_angle(turn)) < np.radians(6.0):
             good.append(rank)
     return good
 

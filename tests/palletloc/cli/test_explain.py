@@ -1,0 +1,154 @@
+from __future__ import annotations
+
+import json
+import shutil
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from palletloc.cli.app import run
+from palletloc.io.recording import read_recording
+from palletloc.io.truth import read_truth
+
+SAMPLE = Path(str(files("palletloc") / "sample"))
+SHOT = 5
+
+
+def initial_file(folder: Path, rows: list[str]) -> Path:
+    path = folder / "initial.csv"
+    path.write_text("\n".join(["time_s,model,x_m,y_m,z_m,yaw_rad", *rows]) + "\n")
+    return path
+
+
+def row_beside(pallet: str, shift: float) -> str:
+    """Return a start near a true pallet of the sample's last shot, moved along x."""
+    shot, truth = read_recording(SAMPLE).shots[SHOT], read_truth(SAMPLE)
+    (true,) = (one for one in truth.pallets if one.id == pallet)
+    forklift = truth.forklift.pose_at(shot.time)
+    dx, dy = true.world_from_pallet.x - forklift.x, true.world_from_pallet.y - forklift.y
+    cos, sin = np.cos(forklift.yaw), np.sin(forklift.yaw)
+    x, y = cos * dx + sin * dy + shift, cos * dy - sin * dx
+    yaw = true.world_from_pallet.yaw - forklift.yaw
+    return f"{shot.time},t11-plastic,{x:.4f},{y:.4f},{true.world_from_pallet.z},{yaw:.5f}"
+
+
+@pytest.fixture(scope="module")
+def from_start(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder that explains one given start, with files that were there before."""
+    folder = tmp_path_factory.mktemp("from_start")
+    for name in ("4-face-P9.png", "notes.txt", "4-face-P9.txt"):
+        (folder / name).write_text("from before")
+    initial = initial_file(folder, [row_beside("A", 0.02)])
+    arguments = ["explain", str(SAMPLE), "--shot", str(SHOT), "--out", str(folder)]
+    assert run([*arguments, "--initial", str(initial)]) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def numbers(from_start: Path) -> dict[str, Any]:
+    document: dict[str, Any] = json.loads((from_start / "explain.json").read_text())
+    return document
+
+
+def test_the_pictures_of_all_stages_are_there(from_start: Path) -> None:
+    made = sorted(path.name for path in from_start.iterdir() if path.suffix in (".png", ".jpg"))
+    assert made == [
+        "2-yaw-P1.png",
+        "3-position-P1.png",
+        "4-face-P1.png",
+        "5-overlay-whole.jpg",
+        "5-overlay.jpg",
+        "6-plan.png",
+    ]
+    assert all(cv2.imread(str(from_start / name)) is not None for name in made)
+
+
+def test_the_numbers_list_the_pictures(from_start: Path, numbers: dict[str, Any]) -> None:
+    listed = {picture["file"] for picture in numbers["pictures"]}
+    assert listed == {path.name for path in from_start.iterdir() if path.suffix in (".png", ".jpg")}
+
+
+def test_only_pictures_of_ours_are_replaced(from_start: Path) -> None:
+    assert not (from_start / "4-face-P9.png").exists()
+    assert (from_start / "notes.txt").read_text() == "from before"
+    assert (from_start / "4-face-P9.txt").exists()
+
+
+def test_the_numbers_say_where_the_pallet_is(numbers: dict[str, Any]) -> None:
+    (candidate,) = numbers["candidates"]
+    assert numbers["pallets"] == 1
+    truth = [float(cell) for cell in row_beside("A", 0.0).split(",")[2:]]
+    measured = [candidate["pose"][key] for key in ("x_m", "y_m", "z_m", "yaw_rad")]
+    assert measured[:3] == pytest.approx(truth[:3], abs=0.02)
+    assert measured[3] == pytest.approx(truth[3], abs=np.radians(0.5))
+    assert candidate["start"]["x_m"] - truth[0] == pytest.approx(0.02, abs=1e-3)
+
+
+def test_the_numbers_of_all_stages_agree(numbers: dict[str, Any]) -> None:
+    (candidate,) = numbers["candidates"]
+    sigma = [candidate["sigma"][key] for key in ("x_m", "y_m", "z_m", "yaw_rad")]
+    assert np.sqrt(np.diag(candidate["covariance"])) == pytest.approx(sigma, rel=1e-5)
+    assert len(candidate["sweep"]["depth_m"]) == len(candidate["sweep"]["score"])
+    used = [vote for vote in candidate["yaw"]["votes"] if vote["used"]]
+    assert candidate["yaw"]["sigma_rad"] < min(vote["sigma_rad"] for vote in used) * 1.5
+    assert candidate["yaw"]["yaw_rad"] == pytest.approx(candidate["pose"]["yaw_rad"], abs=0.01)
+    assert "refused" not in candidate
+
+
+def test_detections_are_explained_with_the_shelf(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "120")
+    assert run(["explain", str(SAMPLE), "--shot", "0", "--out", str(tmp_path / "new" / "folder")]) == 0
+    document = json.loads((tmp_path / "new" / "folder" / "explain.json").read_text())
+    refused = [one for one in document["candidates"] if "refused" in one]
+    printed = capsys.readouterr().out
+    assert sum(line.split()[:1] in (["P1"], ["P2"], ["P3"]) for line in printed.splitlines()) == document["pallets"]
+    assert document["pallets"] >= 1
+    assert f"given up: {len(refused)} (" in printed
+    assert all(set(one["refused"]) == {"stage", "reason"} for one in refused)
+    assert (tmp_path / "new" / "folder" / "1-shelf.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("shot", ["6", "-1", "100000"])
+def test_a_shot_that_is_not_there_is_one_line(shot: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["explain", str(SAMPLE), "--shot", shot, "--out", str(tmp_path / "out")]) == 1
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err == f"palletloc: --shot {shot}: {SAMPLE} has 6 shots; expected 0 to 5\n"
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_that_is_not_there_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["explain", str(tmp_path / "no"), "--shot", "0", "--out", str(tmp_path / "out")]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith(f"palletloc: {tmp_path / 'no'}: no such folder")
+    assert error.count("\n") == 1
+
+
+def test_a_shot_that_no_start_is_for_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    initial = initial_file(tmp_path, [row_beside("A", 0.0)])
+    arguments = ["explain", str(SAMPLE), "--shot", "0", "--out", str(tmp_path / "out")]
+    assert run([*arguments, "--initial", str(initial)]) == 1
+    assert capsys.readouterr().err == "palletloc: --shot 0: no start has the time of this shot, 0 s\n"
+
+
+def test_a_damaged_image_is_one_line_and_leaves_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(SAMPLE, copy)
+    image = copy / read_recording(copy).shots[0].file
+    image.write_bytes(image.read_bytes()[:5000])
+    assert run(["explain", str(copy), "--shot", "0", "--out", str(tmp_path / "out")]) == 1
+    error = capsys.readouterr().err
+    assert str(image) in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_out_is_needed(tmp_path: Path) -> None:
+    assert run(["explain", str(SAMPLE), "--shot", "0"]) == 2
+    assert run(["explain", str(SAMPLE), "--shot", "first", "--out", str(tmp_path)]) == 2

@@ -1,0 +1,159 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from palletloc.cameras import Equirectangular, Pinhole
+from palletloc.drawing.outline import (
+    face_outline,
+    place_outline,
+    project_line,
+    sampled,
+    seen_on_plane,
+    stretches_of,
+)
+from palletloc.face import EdgeKind, face_lines
+from palletloc.geometry import FloatArray, LevelPose
+from palletloc.pallet import PalletModel
+from palletloc.pallet_library import load_library
+
+LIBRARY = load_library()
+CAMERA = Equirectangular(2000, 1000)
+IDENTITY = RigidTransform.identity()
+
+
+def area(line: FloatArray) -> float:
+    """Return the area inside a closed line."""
+    x, y = line.T
+    return abs(float(x[:-1] @ y[1:] - x[1:] @ y[:-1])) / 2
+
+
+@pytest.mark.parametrize("model", LIBRARY.values(), ids=lambda model: model.name)
+def test_the_lines_enclose_the_solid_part_and_the_closed_openings(model: PalletModel) -> None:
+    outline, *openings = face_outline(model, step=0.003)
+    feet = [opening for opening in model.openings if opening.open_below]
+    corner = 1 - np.pi / 4  # what rounding takes from the square of the radius
+    solid = model.width * model.height - 4 * corner * model.corner_radius**2
+    solid -= sum(opening.width * opening.height - 2 * corner * opening.radius**2 for opening in feet)
+    assert area(outline) == pytest.approx(solid, rel=1e-3)
+    closed = [opening for opening in model.openings if not opening.open_below]
+    for line, opening in zip(openings, closed, strict=True):
+        expected = opening.width * opening.height - 4 * corner * opening.radius**2
+        assert area(line) == pytest.approx(expected, rel=5e-3)
+
+
+@pytest.mark.parametrize("model", LIBRARY.values(), ids=lambda model: model.name)
+def test_the_outline_reaches_all_sides_of_the_face(model: PalletModel) -> None:
+    outline = face_outline(model)[0]
+    low, high = [-model.width / 2, 0.0], [model.width / 2, model.height]
+    assert outline.min(axis=0) == pytest.approx(low)
+    assert outline.max(axis=0) == pytest.approx(high)
+
+
+def test_sharp_corners_are_kept() -> None:
+    model = replace(LIBRARY["epal1-1200"], corner_radius=0.0)
+    corners = [(x, y) for x in (-0.6, 0.6) for y in (0.0, model.height)]
+    outline = face_outline(model, step=0.07)[0]
+    assert all(np.hypot(*(outline - corner).T).min() < 1e-12 for corner in corners)
+
+
+@given(step=st.floats(0.002, 2.0))
+def test_neighbours_are_at_most_a_step_apart(step: float) -> None:
+    line = np.array([[0.0, 0.0], [0.5, 0.0], [0.5, 0.3]])
+    dense = sampled(line, step)
+    assert np.hypot(*np.diff(dense, axis=0).T).max() <= step * (1 + 1e-6)
+    assert all(np.hypot(*(dense - point).T).min() < 1e-12 for point in line)
+
+
+def test_a_placed_face_stands_across_its_heading() -> None:
+    model = LIBRARY["t11-plastic"]
+    pose = LevelPose(2.0, 3.0, 0.4, np.radians(90))
+    points = np.concatenate(place_outline(model, pose))
+    assert points[:, 1] == pytest.approx(np.full(len(points), 3.0))  # the face looks along y
+    assert points[:, 0].min() == pytest.approx(2.0 - model.width / 2)
+    assert points[:, 2].min() == pytest.approx(0.4)
+    assert points[:, 2].max() == pytest.approx(0.4 + model.height)
+
+
+def test_the_faces_right_side_is_the_pallets_minus_y() -> None:
+    uneven = load_library()["t11-plastic"]
+    first = replace(uneven.openings[0], width=0.1)
+    model = replace(uneven, openings=(first, uneven.openings[1]))
+    _, left, right = place_outline(model, LevelPose(0.0, 0.0, 0.0, 0.0))
+    assert np.ptp(left[:, 1]) == pytest.approx(0.1)
+    assert left[:, 1].min() > 0 > right[:, 1].max()
+
+
+@given(
+    point=st.tuples(*[st.floats(-2, 2)] * 3),
+    camera=st.tuples(st.floats(-2, 2), st.floats(-2, 2), st.floats(2.5, 6)),
+)
+def test_a_point_and_where_a_plane_shows_it_lie_on_one_ray(
+    point: tuple[float, float, float], camera: tuple[float, float, float]
+) -> None:
+    shown = seen_on_plane(np.array([point]), np.array(camera))[0]
+    to_point, to_shown = np.subtract(point, camera), np.subtract([*shown, 0.0], camera)
+    assert np.linalg.norm(np.cross(to_point, to_shown)) < 1e-9 * np.linalg.norm(to_point) * 1e3
+    assert to_point @ to_shown > 0
+
+
+def test_what_lies_behind_the_camera_is_not_on_the_plane() -> None:
+    shown = seen_on_plane(np.array([[0.3, 0.0, 2.5], [0.3, 0.1, 0.0]]), np.array([0.0, 0.0, 2.0]))
+    assert np.isnan(shown[0]).all()
+    assert shown[1] == pytest.approx([0.3, 0.1])
+
+
+def line_behind(offset: float) -> FloatArray:
+    """Return a level line 2 m behind the camera; with an offset of 0 the seam halves it."""
+    return np.column_stack([np.full(200, -2.0), np.linspace(-1, 1, 200) + offset, np.full(200, -0.5)])
+
+
+def test_a_line_that_crosses_the_seam_leaves_at_both_sides_without_a_jump() -> None:
+    pieces = project_line(CAMERA, IDENTITY, line_behind(0.0))
+    assert len(pieces) == 2
+    for piece in pieces:
+        assert np.abs(np.diff(piece[:, 0])).max() < 10
+    inside = [piece[(piece[:, 0] > -0.5) & (piece[:, 0] < 1999.5), 0] for piece in pieces]
+    left, right = sorted(inside, key=np.mean)
+    assert (left.min(), right.max()) == (pytest.approx(0, abs=5), pytest.approx(1999, abs=5))
+    assert left.max() < 400 < 1600 < right.min()
+    assert len(left) + len(right) == 200
+
+
+def test_a_line_beside_the_seam_is_one_piece_where_the_camera_puts_it() -> None:
+    line = line_behind(1.5)
+    (piece,) = project_line(CAMERA, IDENTITY, line)
+    assert piece == pytest.approx(CAMERA.project(line).pixels)
+
+
+def test_only_what_a_camera_sees_is_drawn() -> None:
+    camera = Pinhole(200, 100, 120.0, 120.0, 99.5, 49.5)
+    ring = np.array([[np.cos(a), np.sin(a), 0.0] for a in np.linspace(0, 2 * np.pi, 720)])
+    pieces = project_line(camera, IDENTITY, ring)
+    pixels = np.concatenate(pieces)
+    assert len(pixels) < 300
+    assert pixels[:, 1] == pytest.approx(np.full(len(pixels), 49.5))
+    assert project_line(camera, IDENTITY, -ring[:40] - [5.0, 0.0, 0.0]) == []
+
+
+def test_a_camera_elsewhere_sees_the_line_from_there() -> None:
+    forklift_from_camera = RigidTransform.from_components([0.3, 0.1, 1.8], Rotation.from_rotvec([0, 0, 0.4]))
+    line = np.column_stack([np.full(50, 2.0), np.linspace(0, 1, 50), np.zeros(50)])
+    (piece,) = project_line(CAMERA, forklift_from_camera.inv(), line)
+    assert piece == pytest.approx(CAMERA.project(forklift_from_camera.inv().apply(line)).pixels)
+
+
+@pytest.mark.parametrize("model", LIBRARY.values(), ids=lambda model: model.name)
+def test_stretches_of_a_line_are_the_edges_on_it(model: PalletModel) -> None:
+    for line in face_lines(model):
+        stretches = stretches_of(model, line.whole)
+        assert len(stretches) == len(line.edges)
+        assert stretches[0][0] == pytest.approx(line.whole.start)
+        assert stretches[-1][1] == pytest.approx(line.whole.end)
+    tops = [line for line in face_lines(model) if line.kind is EdgeKind.OPENING_TOP]
+    assert sum(len(line.edges) for line in tops) == len(model.openings)

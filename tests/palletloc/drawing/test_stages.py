@@ -1,0 +1,258 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from matplotlib import pyplot as plt
+from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse, Polygon
+from scipy.spatial.transform import RigidTransform
+
+from palletloc.candidate import Candidate, ShotView
+from palletloc.config import LocalizerConfig, Method
+from palletloc.drawing.canvas import WIDTH_PX, png
+from palletloc.drawing.face_figure import face_figure
+from palletloc.drawing.horizontal_figure import horizontal_figure, vote_stretches
+from palletloc.drawing.naming import name_candidates
+from palletloc.drawing.plan_figure import plan_figure
+from palletloc.drawing.shelf_figure import shelf_figure
+from palletloc.drawing.stages import Picture, stage_pictures
+from palletloc.drawing.sweep_figure import sweep_figure
+from palletloc.edge_fit import EdgeFit
+from palletloc.face import face_lines
+from palletloc.geometry import FloatArray, LevelPose
+from palletloc.horizontal_view import HorizontalView
+from palletloc.joint_search import JointSearchConfig
+from palletloc.localizer import Explanation, Localizer, Start
+from palletloc.measurement import Reason, Stage
+from palletloc.mounting import Mounting
+from palletloc.pallet import PalletModel
+from palletloc.plane import PALLET_FROM_VERTICAL, place_plane
+from palletloc.shelf import ShelfPlane
+from palletloc.yaw import YawVote
+
+SHELF = ShelfPlane(1.0, 2.0, np.radians(-90.0), (0.0,))
+Placed = tuple[PalletModel, LevelPose]
+
+
+COARSE = LocalizerConfig(joint_search=JointSearchConfig(turns=5, depths=5))
+"""Spares the joint search most of its views."""
+
+
+def localizer(shot: ShotView, models: list[PalletModel], method: Method = Method.HORIZONTAL_PLANE) -> Localizer:
+    return Localizer(shot.projector.camera, shot.mounting, models, method, COARSE)
+
+
+@pytest.fixture(scope="module")
+def explained(floor_shot: ShotView, t11: PalletModel) -> Explanation:
+    """Return a shot of a known and an unknown pallet: one is found, other places are given up."""
+    return localizer(floor_shot, [t11]).explain(floor_shot.image, 1.5, SHELF, "shot.png")
+
+
+@pytest.fixture(scope="module")
+def pictures(explained: Explanation, floor_shot: ShotView) -> list[Picture]:
+    return list(stage_pictures(explained, floor_shot, SHELF))
+
+
+@pytest.fixture(scope="module")
+def found(explained: Explanation) -> Candidate:
+    return dict(name_candidates(explained))["P1"]
+
+
+def page_of(figure: Figure) -> tuple[float, float]:
+    width, height = figure.get_size_inches() * figure.dpi
+    return float(width), float(height)
+
+
+def require_readable(figure: Figure) -> None:
+    """Check that all texts outside the axes lie on the page and cover no other."""
+    png(figure)  # places the texts
+    width, height = page_of(figure)
+    outside = [text for text in figure.texts if text.get_text()]
+    outside += [label for axes in figure.axes for label in (axes.xaxis.label, axes.yaxis.label) if label.get_text()]
+    outside += [text for legend in figure.legends for text in legend.get_texts()]
+    boxes = np.array([text.get_window_extent().extents for text in outside])
+    assert (boxes[:, :2] >= 0).all()
+    assert (boxes[:, 2] <= width).all()
+    assert (boxes[:, 3] <= height).all()
+    low, high = boxes[:, :2], boxes[:, 2:]
+    shared = np.minimum(high[:, None], high) - np.maximum(low[:, None], low)
+    assert not (np.all(shared > 1.0, axis=-1) & ~np.eye(len(boxes), dtype=bool)).any()
+
+
+def test_the_pictures_are_numbered_in_the_order_of_the_stages(pictures: list[Picture]) -> None:
+    files = [picture.file for picture in pictures]
+    assert files == sorted(files, key=lambda file: file[0])
+    assert len(set(files)) == len(files)
+    assert [picture.stage for picture in pictures] == [
+        *("1-shelf", "2-yaw-P1", "3-position-P1", "4-face-P1", "5-overlay", "5-overlay-whole", "6-plan")
+    ]
+
+
+def test_every_picture_can_be_opened_and_shows_something(pictures: list[Picture]) -> None:
+    for picture in pictures:
+        image = cv2.imdecode(np.frombuffer(picture.content, np.uint8), cv2.IMREAD_COLOR)
+        assert image is not None, picture.file
+        assert image.std() > 3, picture.file
+        assert image.shape[1] <= 1920
+        if picture.suffix == ".png":
+            assert image.shape[1] == WIDTH_PX
+
+
+def test_drawing_leaves_no_figure_open(pictures: list[Picture]) -> None:
+    assert pictures
+    assert plt.get_fignums() == []
+
+
+def test_pallets_are_named_from_left_to_right(floor_shot: ShotView, floor_pallets: tuple[Placed, ...]) -> None:
+    # the shelf is to the left: what is nearer ahead is farther to the right
+    (left, _), (right, _) = sorted(floor_pallets, key=lambda placed: placed[1].x)
+    starts = [Start(model.name, pose) for model, pose in reversed(floor_pallets)]
+    explained = localizer(floor_shot, [left, right]).explain_from(floor_shot.image, 0.0, starts, (0.0,))
+    named = dict(name_candidates(explained))
+    assert (named["P1"].model.name, named["P2"].model.name) == (left.name, right.name)
+
+
+def test_what_was_given_up_has_names_of_its_own(explained: Explanation) -> None:
+    named = name_candidates(explained)
+    assert len(named) == len(explained.candidates) == len({name for name, _ in named})
+    for name, candidate in named:
+        assert name.startswith("P") == (candidate.refusal is None)
+    scores = [candidate.score for name, candidate in named if name.startswith("C")]
+    assert scores == sorted(scores, reverse=True)
+
+
+def test_given_starts_have_no_shelf_view_and_are_all_drawn_where_asked(
+    floor_shot: ShotView, floor_pallets: tuple[Placed, ...], t11: PalletModel
+) -> None:
+    _, (_, pose) = floor_pallets
+    nowhere = replace(pose, x=pose.x + 0.55)  # shifted by one opening
+    starts = [Start("t11", pose), Start("t11", nowhere)]
+    explained = localizer(floor_shot, [t11]).explain_from(floor_shot.image, 0.0, starts, (0.0,))
+    assert [candidate.refusal is None for candidate in explained.candidates] == [True, False]
+    stages = [one.stage for one in stage_pictures(explained, floor_shot, None, with_refused=True)]
+    assert "1-shelf" not in stages
+    assert {"4-face-P1", "4-face-C1"} <= set(stages)
+
+
+def test_a_shot_without_a_pallet_has_its_pictures(blank_shot: ShotView, t11: PalletModel) -> None:
+    explained = localizer(blank_shot, [t11]).explain(blank_shot.image, 0.0, SHELF)
+    assert explained.measurements == []
+    stages = [one.stage for one in stage_pictures(explained, blank_shot, SHELF)]
+    assert stages == ["1-shelf", "5-overlay", "5-overlay-whole", "6-plan"]
+
+
+@pytest.mark.parametrize("method", [Method.PAPER, Method.JOINT_SEARCH])
+def test_other_methods_have_their_pictures(
+    method: Method, portrait: Callable[..., ShotView], t11: PalletModel
+) -> None:
+    pose = LevelPose(0.4, 2.0, 0.0, np.radians(91))
+    shot = portrait(t11, pose)
+    explained = localizer(shot, [t11], method).explain_from(shot.image, 0.0, [Start("t11", pose)], (0.0,))
+    stages = {one.stage for one in stage_pictures(explained, shot, None)}
+    assert {"3-position-P1", "4-face-P1"} <= stages
+    assert ("2-yaw-P1" in stages) == (method is Method.PAPER)
+
+
+def test_figures_are_readable(explained: Explanation, found: Candidate, floor_shot: ShotView) -> None:
+    named = name_candidates(explained)
+    require_readable(shelf_figure(explained.shelf_views, named))
+    require_readable(horizontal_figure("P1", found))
+    require_readable(sweep_figure("P1", found))
+    require_readable(face_figure("P1", found, floor_shot))
+
+
+def test_the_shelf_figure_tells_what_was_found(explained: Explanation) -> None:
+    named = name_candidates(explained)
+    (title,) = (text.get_text() for text in shelf_figure(explained.shelf_views, named).texts)
+    assert f"{len(explained.candidates)} places tried, {len(explained.measurements)} pallets found" in title
+
+
+def test_the_horizontal_figure_has_the_yaw_in_its_title(found: Candidate) -> None:
+    assert found.yaw is not None
+    texts = " ".join(text.get_text() for text in horizontal_figure("P1", found).texts)
+    assert f"yaw {np.degrees(found.yaw.yaw):.2f}" in texts
+
+
+def test_a_candidate_that_was_not_looked_at_cannot_be_drawn(t11: PalletModel) -> None:
+    candidate = Candidate(t11, LevelPose(1.0, 2.0, 0.0, 1.5), None)
+    candidate.refuse(Stage.START, Reason.OUT_OF_RANGE)
+    with pytest.raises(ValueError, match="no horizontal view"):
+        horizontal_figure("C1", candidate)
+    with pytest.raises(ValueError, match="was not searched"):
+        sweep_figure("C1", candidate)
+
+
+def test_a_face_out_of_view_says_so(portrait: Callable[..., ShotView], t11: PalletModel) -> None:
+    shot = portrait(t11, LevelPose(0.4, 2.0, 0.0, np.radians(91)))
+    behind = Candidate(t11, LevelPose(-3.0, -2.0, 0.0, np.radians(-90)), None)
+    texts = [text.get_text() for text in face_figure("C1", behind, shot).axes[0].texts]
+    assert texts == ["not wholly seen by the camera"]
+
+
+@pytest.mark.parametrize("step", range(2))
+def test_a_voters_line_is_drawn_where_the_camera_sees_the_edge(
+    step: int, found: Candidate, floor_shot: ShotView
+) -> None:
+    seen: HorizontalView = found.horizontal[step]
+    sharp = replace(found.model, edge_radius=0.0)
+    pose = _pose_of(seen, floor_shot)
+    camera_from_face = place_plane(floor_shot.camera_from_forklift, pose, PALLET_FROM_VERTICAL)
+    level = [line.whole for line in face_lines(sharp) if line.whole.horizontal]
+    assert len(level) == 4
+    for edge in level:
+        vote = YawVote(edge, 0.0, 0.01, EdgeFit(0.0, 0.0, 0.001, 0.001, 1.0, 9.0), True)
+        drawn = vote_stretches(seen, vote, sharp).reshape(-1, 2)
+        on_face = np.array([[s.start, s.end] for line in face_lines(sharp) if line.whole == edge for s in line.edges])
+        assert _pixels(floor_shot, seen.view.camera_from_plane, drawn) == pytest.approx(
+            _pixels(floor_shot, camera_from_face, on_face.reshape(-1, 2)), abs=1e-6
+        )
+
+
+def _pose_of(seen: HorizontalView, shot: ShotView) -> LevelPose:
+    """Return the pallet's pose that a horizontal view was placed by."""
+    matrix = (shot.camera_from_forklift.inv() * seen.view.camera_from_plane).as_matrix()
+    into = matrix[:3, 1]
+    x, y, z = (float(value) for value in matrix[:3, 3])
+    return LevelPose(x, y, z - seen.height, float(np.arctan2(into[1], into[0])))
+
+
+def _pixels(shot: ShotView, camera_from_plane: RigidTransform, points: FloatArray) -> FloatArray:
+    in_space = np.column_stack([points, np.zeros(len(points))])
+    return shot.projector.camera.project(camera_from_plane.apply(in_space)).pixels
+
+
+def plan(sigma: float, pose: LevelPose, model: PalletModel, **settings: Any) -> Figure:
+    covariance = np.diag([sigma**2, (2 * sigma) ** 2, 1e-6, np.radians(0.5) ** 2])
+    mounting = Mounting(RigidTransform.from_translation([0.3, -0.08, 1.85]))
+    return plan_figure([("P1", model, pose, covariance)], mounting, settings.get("shelf"))
+
+
+@pytest.mark.parametrize("sigma", [0.0005, 0.004, 0.03])
+def test_the_ellipse_shows_two_standard_deviations_times_the_stated_factor(sigma: float, t11: PalletModel) -> None:
+    figure = plan(sigma, LevelPose(2.0, 1.9, 0.0, 1.5), t11)
+    stated = next(text.get_text() for text in figure.texts if "Ellipses" in text.get_text())
+    factor = float(stated.split(" times as")[0].split()[-1]) if "times as" in stated else 1.0
+    (ellipse,) = (patch for patch in figure.axes[0].patches if isinstance(patch, Ellipse))
+    axes = sorted([ellipse.get_width(), ellipse.get_height()])
+    assert axes == pytest.approx([4 * sigma * factor, 8 * sigma * factor])
+    assert axes[1] < 1.3
+
+
+def test_the_pallet_lies_behind_its_front_on_the_map(t11: PalletModel) -> None:
+    figure = plan(0.003, LevelPose(2.0, 1.9, 0.0, np.pi / 2), t11, shelf=SHELF)
+    outlines = [patch.get_xy() for patch in figure.axes[0].patches if isinstance(patch, Polygon)]
+    corners = np.asarray(outlines[0])
+    assert corners.min(axis=0) == pytest.approx([2.0 - t11.width / 2, 1.9])
+    assert corners.max(axis=0) == pytest.approx([2.0 + t11.width / 2, 1.9 + t11.depth])
+    require_readable(figure)
+
+
+def test_the_map_has_one_scale(t11: PalletModel) -> None:
+    axes = plan(0.003, LevelPose(4.0, -1.9, 0.0, -1.5), t11).axes[0]
+    x, y = axes.transData.transform([[0.0, 0.0], [1.0, 1.0]]).T
+    assert np.diff(x) == pytest.approx(np.diff(y), rel=0.01)

@@ -63,10 +63,7 @@ def commands(monkeypatch: pytest.MonkeyPatch) -> list[Command]:
     module = sys.modules[__name__]
     monkeypatch.setitem(sys.modules, "house_commands", module)
     functions = (refuses, cannot_read, is_interrupted, succeeds)
-    rows = [
-        Command(f.__name__.replace("_", "-"), f"house_commands:{f.__name__}", f.__doc__ or "")
-        for f in functions
-    ]
+    rows = [Command(f.__name__.replace("_", "-"), f"house_commands:{f.__name__}", f.__doc__ or "") for f in functions]
     return [*rows, Command("absent", "palletloc.no_such_module:absent", "Not there.")]
 
 
@@ -120,9 +117,7 @@ def test_the_list_of_commands_says_what_the_commands_say_themselves(command: Com
     assert (loaded.__doc__ or "").strip().splitlines()[0] == command.summary
 
 
-def test_bad_input_is_one_line_and_exit_code_1(
-    commands: list[Command], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_bad_input_is_one_line_and_exit_code_1(commands: list[Command], capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["refuses"], commands) == 1
     assert capsys.readouterr() == ("", "palletloc: shots.csv, line 3: 'time_s' is not a number\n")
 

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
 
@@ -11,7 +11,9 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from palletloc.cameras import CameraModel, Equirectangular, Pinhole
 from palletloc.candidate import ShotView
+from palletloc.config import LocalizerConfig, Method
 from palletloc.geometry import FloatArray, LevelPose
+from palletloc.localizer import Localizer
 from palletloc.mounting import Mounting
 from palletloc.pallet import Opening, PalletModel
 from palletloc.plane import PlaneGrid, PlaneView
@@ -19,7 +21,7 @@ from palletloc.projection import Projector
 from palletloc.synthetic.materials import CARTONS, CEILING, CONCRETES, PAINTS, PLASTERS, PLASTICS, WOODS
 from palletloc.synthetic.pallet_solid import PalletBody
 from palletloc.synthetic.placing import standing
-from palletloc.synthetic.rays import camera_rays
+from palletloc.synthetic.rays import CameraRays, camera_rays
 from palletloc.synthetic.rendering import render
 from palletloc.synthetic.scene import Light, Room, Scene, Solid
 from palletloc.synthetic.sensor import Sensor, expose
@@ -125,7 +127,7 @@ def _around(model: PalletModel, pose: LevelPose, loaded: bool) -> list[Solid]:
 @pytest.fixture(scope="session")
 def photograph() -> Callable[..., ShotView]:
     """Return a function that takes pictures of pallets, each picture once."""
-    rays = cache(camera_rays)
+    kept: dict[CameraModel, CameraRays] = {}
 
     @cache
     def taken(
@@ -136,9 +138,11 @@ def photograph() -> Callable[..., ShotView]:
         seed: int = 0,
     ) -> ShotView:
         solids = tuple(solid for model, pose in pallets for solid in _around(model, pose, loaded))
+        if camera not in kept:
+            kept[camera] = camera_rays(camera)
         angles = Rotation.from_euler("ZYX", mounting[3:], degrees=True)
         forklift_from_camera = RigidTransform.from_components(mounting[:3], angles)
-        picture = render(lit(Scene(HALL, LAMPS, solids)), rays(camera), forklift_from_camera)
+        picture = render(lit(Scene(HALL, LAMPS, solids)), kept[camera], forklift_from_camera)
         closed = camera.period_px is not None
         image = expose(picture.radiance, Sensor(), closed, np.random.default_rng(seed))
         image.setflags(write=False)
@@ -179,6 +183,21 @@ def floor_shot(
 ) -> ShotView:
     """Return a 360-degree shot of the pallets on the floor."""
     return photograph(floor_pallets, whole_view, (0.3, -0.08, 1.85, -1.2, 0.9, -0.7))
+
+
+@pytest.fixture(scope="session")
+def floor_localizer(floor_shot: ShotView, floor_pallets: tuple[Placed, ...]) -> Callable[..., Localizer]:
+    """Return a function that makes a localizer for the camera and the pallets of `floor_shot`."""
+
+    def made(
+        method: Method = Method.HORIZONTAL_PLANE,
+        mounting: Mounting = floor_shot.mounting,
+        models: Sequence[PalletModel] = tuple(model for model, _ in floor_pallets),
+        config: LocalizerConfig | None = None,
+    ) -> Localizer:
+        return Localizer(floor_shot.projector.camera, mounting, models, method, config)
+
+    return made
 
 
 @pytest.fixture(scope="session")

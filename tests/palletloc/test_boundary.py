@@ -100,9 +100,7 @@ def test_edges_find_several_lines_and_the_longest_comes_first() -> None:
     lines = lines_of(view_of(40.0 + long + short), two_region=False)
     assert [line.votes for line in lines] == sorted((line.votes for line in lines), reverse=True)
     assert lines[0].turn == pytest.approx(np.radians(-1.0), abs=2 * STEP)
-    assert any(
-        abs(line.turn - np.radians(3.0)) < 3 * STEP and abs(line.up - 0.06) < 0.008 for line in lines
-    )
+    assert any(abs(line.turn - np.radians(3.0)) < 3 * STEP and abs(line.up - 0.06) < 0.008 for line in lines)
 
 
 def test_two_regions_give_the_boundary_nearest_to_the_aisle() -> None:

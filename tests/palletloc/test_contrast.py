@@ -95,9 +95,7 @@ def test_the_face_is_looked_for_where_its_points_are_placed(epal: PalletModel, d
 
 
 @pytest.mark.parametrize("shift", [(3.0, 0.0), (-3.0, 0.0), (0.0, 1.0), (0.0, -1.0), (-0.9, 0.0)])
-def test_beyond_the_view_there_is_no_contrast(
-    shift: tuple[float, float], epal: PalletModel, draw_face: Draw
-) -> None:
+def test_beyond_the_view_there_is_no_contrast(shift: tuple[float, float], epal: PalletModel, draw_face: Draw) -> None:
     image = noisy(draw_face(epal, GRID, STRAIGHT)).image
     assert opening_contrast(image, GRID, epal, lambda points: points + shift) == 0.0
 

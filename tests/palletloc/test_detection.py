@@ -65,9 +65,7 @@ def test_the_most_promising_detection_of_each_model_is_its_pallet(
         assert promises == sorted(promises, reverse=True)
 
 
-def test_without_levels_the_whole_plane_is_searched(
-    rack_shot: ShotView, rack_pallets: tuple[Placed, ...]
-) -> None:
+def test_without_levels_the_whole_plane_is_searched(rack_shot: ShotView, rack_pallets: tuple[Placed, ...]) -> None:
     models = [rack_pallets[0][0]]
     found, views = detected(rack_shot, models, replace(SHELF, levels=()))
     assert len(views) == 1
@@ -100,9 +98,7 @@ def test_detections_of_a_model_on_a_level_stand_apart(
                 assert np.hypot(one.x - other.x, one.y - other.y) >= 0.9 * CONFIG.min_depth_spacing
 
 
-def test_the_same_shot_gives_the_same_detections(
-    floor_shot: ShotView, floor_pallets: tuple[Placed, ...]
-) -> None:
+def test_the_same_shot_gives_the_same_detections(floor_shot: ShotView, floor_pallets: tuple[Placed, ...]) -> None:
     models = [model for model, _ in floor_pallets]
     assert detected(floor_shot, models)[0] == detected(floor_shot, models)[0]
 

@@ -62,9 +62,7 @@ def test_the_mirrored_face_has_the_mirrored_edges(model: PalletModel) -> None:
         (edge.kind, *np.round([-edge.middle[0], edge.middle[1], edge.length], 9).tolist())
         for edge in face_edges(replace(model, openings=openings))
     }
-    assert mirrored == {
-        (edge.kind, *np.round([*edge.middle, edge.length], 9).tolist()) for edge in face_edges(model)
-    }
+    assert mirrored == {(edge.kind, *np.round([*edge.middle, edge.length], 9).tolist()) for edge in face_edges(model)}
 
 
 @models
@@ -120,9 +118,7 @@ def test_an_edge_that_hides_its_other_surface_appears_where_rays_graze_it(
 
 
 @pytest.mark.parametrize("tangent", [-1.5, -0.4])
-def test_a_lower_edge_appears_between_its_contour_and_its_drawn_place(
-    tangent: float, t11: PalletModel
-) -> None:
+def test_a_lower_edge_appears_between_its_contour_and_its_drawn_place(tangent: float, t11: PalletModel) -> None:
     edge = next(e for e in face_edges(t11) if e.kind is EdgeKind.BOTTOM)
     camera = np.array([0.0, -2.0 * tangent, 2.0])
     shift = edge_shift(edge, camera, t11)
@@ -130,9 +126,7 @@ def test_a_lower_edge_appears_between_its_contour_and_its_drawn_place(
 
 
 @pytest.mark.parametrize("tangent", [0.05, 0.4, 1.0, 2.0])
-def test_an_edge_with_both_surfaces_in_view_appears_on_its_rounding(
-    tangent: float, t11: PalletModel
-) -> None:
+def test_an_edge_with_both_surfaces_in_view_appears_on_its_rounding(tangent: float, t11: PalletModel) -> None:
     edge, radius = right_side(t11), t11.edge_radius
     camera = np.array([edge.middle[0] + 2.0 * tangent, 1.0, 2.0])
     shift = edge_shift(edge, camera, t11)
@@ -158,8 +152,7 @@ def test_the_rounder_an_edge_the_less_certain_is_its_place(camera: list[float], 
 def test_the_mirrored_camera_sees_the_mirrored_shift(t11: PalletModel) -> None:
     camera = np.array([1.3, 1.7, 2.0])
     shifts = {
-        (edge.kind, *np.round(edge.middle, 9).tolist()): edge_shift(edge, camera, t11)
-        for edge in face_edges(t11)
+        (edge.kind, *np.round(edge.middle, 9).tolist()): edge_shift(edge, camera, t11) for edge in face_edges(t11)
     }
     for edge in face_edges(t11):
         mirrored = edge_shift(edge, camera * [-1, 1, 1], t11)

@@ -55,7 +55,7 @@ class Geometry:
         self.seeming = assumed.forklift_from_camera * disturbed(assumed, -errors).inv()
         self.plane_from_forklift = forklift_from_plane(POSE).inv()
 
-    def image(self, point: Sequence[float]) -> FloatArray:
+    def image(self, point: Sequence[float] | FloatArray) -> FloatArray:
         in_forklift = self.seeming.apply(self.face.apply([*point, 0.0]))
         camera = self.plane_from_forklift.apply(self.assumed.center)
         seen = self.plane_from_forklift.apply(in_forklift)
@@ -76,7 +76,7 @@ def seen_face(
     motion: FloatArray | None = None,
     errors: FloatArray = NONE,
     sigma: float = 1e-3,
-    noise: Sequence[float] = (),
+    noise: Sequence[float] | FloatArray = (),
 ) -> FaceView:
     true_pose = POSE if motion is None else moved_face(POSE, motion)
     geometry = Geometry(mounting, true_pose, errors)
@@ -131,9 +131,7 @@ def test_motions_add_up(t11: PalletModel, mounting: Mounting) -> None:
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2, 5], ids=["x", "y", "z", "yaw"])
-def test_a_wrong_mounting_moves_the_pallet_as_geometry_says(
-    axis: int, t11: PalletModel, mounting: Mounting
-) -> None:
+def test_a_wrong_mounting_moves_the_pallet_as_geometry_says(axis: int, t11: PalletModel, mounting: Mounting) -> None:
     errors = STEP * np.eye(6)[axis]
     solution = FaceSystem(seen_face(t11, mounting, errors=errors), POSE, exact(mounting)).solve()
     np.testing.assert_allclose(solution.motion, induced(mounting, errors), atol=0.05 * STEP)
@@ -225,9 +223,7 @@ def test_one_edge_that_contradicts_the_others_loses_its_weight(t11: PalletModel,
         assert np.abs(solution.motion).max() < 0.002
 
 
-def test_edges_that_scatter_more_than_they_should_widen_the_covariance(
-    t11: PalletModel, mounting: Mounting
-) -> None:
+def test_edges_that_scatter_more_than_they_should_widen_the_covariance(t11: PalletModel, mounting: Mounting) -> None:
     noise = np.random.default_rng(0).normal(0.0, 0.004, len(face_lines(t11)))
     calm, torn = (FaceSystem(seen_face(t11, mounting, noise=n), POSE, exact(mounting)) for n in ((), noise))
     quiet, loud = calm.solve(), torn.solve()

@@ -33,7 +33,9 @@ def moved(pose: LevelPose, right: float, up: float) -> LevelPose:
     return replace(pose, x=x, y=y, z=pose.z + up)
 
 
-def test_the_view_is_the_face_and_a_margin_and_knows_where_the_camera_is(portrait: Portrait, t11: PalletModel) -> None:
+def test_the_view_is_the_face_and_a_margin_and_knows_where_the_camera_is(
+    portrait: Portrait, t11: PalletModel
+) -> None:
     shot = portrait(t11, POSE)
     seen = seen_at(shot, POSE, t11)
     assert isinstance(seen, FaceView)
@@ -51,9 +53,7 @@ def test_the_view_is_the_face_and_a_margin_and_knows_where_the_camera_is(portrai
 
 
 @pytest.mark.parametrize("name", ["epal", "t11", "open_below"])
-def test_edges_are_where_the_true_pose_says(
-    name: str, portrait: Portrait, request: pytest.FixtureRequest
-) -> None:
+def test_edges_are_where_the_true_pose_says(name: str, portrait: Portrait, request: pytest.FixtureRequest) -> None:
     model: PalletModel = request.getfixturevalue(name)
     edges = edges_at(portrait(model, POSE), POSE, model)
     certain = [one for one in edges if one.edge.kind is not EdgeKind.TOP]  # a load stands on the upper edge

@@ -17,9 +17,7 @@ poses = st.builds(LevelPose, metres, metres, metres, angles)
 def test_a_wrapped_angle_is_the_same_direction_within_half_a_turn(angle: float) -> None:
     wrapped = wrap_angle(angle)
     assert -np.pi <= wrapped < np.pi
-    np.testing.assert_allclose(
-        [np.cos(wrapped), np.sin(wrapped)], [np.cos(angle), np.sin(angle)], atol=1e-12
-    )
+    np.testing.assert_allclose([np.cos(wrapped), np.sin(wrapped)], [np.cos(angle), np.sin(angle)], atol=1e-12)
 
 
 def test_half_a_turn_is_the_negative_end() -> None:

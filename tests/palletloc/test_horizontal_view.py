@@ -48,7 +48,9 @@ def test_the_plane_goes_level_through_the_edge(source: YawSource, portrait: Port
     assert seen.height == (0.0 if source is YawSource.BOTTOM else t11.height)
     forklift_from_plane = shot.mounting.forklift_from_camera * seen.view.camera_from_plane
     into = [np.cos(POSE.yaw), np.sin(POSE.yaw), 0.0]
-    np.testing.assert_allclose(forklift_from_plane.apply(np.zeros(3)), [POSE.x, POSE.y, POSE.z + seen.height], atol=1e-9)
+    np.testing.assert_allclose(
+        forklift_from_plane.apply(np.zeros(3)), [POSE.x, POSE.y, POSE.z + seen.height], atol=1e-9
+    )
     np.testing.assert_allclose(forklift_from_plane.rotation.apply([0.0, 1.0, 0.0]), into, atol=1e-9)
     np.testing.assert_allclose(forklift_from_plane.apply(seen.plane_from_camera), shot.mounting.center, atol=1e-9)
 

@@ -18,9 +18,7 @@ Portrait = Callable[..., ShotView]
 
 
 def searched(shot: ShotView, model: PalletModel, start: LevelPose = POSE) -> JointSearch | Reason:
-    return search_jointly(
-        shot.projector, shot.image, shot.camera_from_forklift, start, model, CONFIG
-    )
+    return search_jointly(shot.projector, shot.image, shot.camera_from_forklift, start, model, CONFIG)
 
 
 @pytest.mark.parametrize("turn_deg", [-4.0, 0.0, 4.0])

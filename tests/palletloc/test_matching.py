@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from palletloc.geometry import FloatArray, Image
-from palletloc.matching import component_gradients, edge_energy, gradient_across
+from palletloc.matching import Energy, component_gradients, edge_energy, gradient_across
 
 WINDOW = (41, 21)
 
@@ -23,7 +23,7 @@ def patchwork(seed: int) -> Image:
     return np.asarray(cv2.GaussianBlur(np.kron(patches, np.ones((10, 10))), (0, 0), 1.0), dtype=np.uint8)
 
 
-def centroid(profile: FloatArray) -> float:
+def centroid(profile: FloatArray | Energy) -> float:
     return float((np.arange(len(profile)) * profile).sum() / profile.sum())
 
 
@@ -38,9 +38,7 @@ def test_gradients_of_a_ramp_are_its_slopes() -> None:
 def test_the_strongest_channel_gives_the_gradient() -> None:
     weak, strong = step(40.0, 100, 120), step(40.0, 20, 200)
     for order in ((weak, strong, weak), (strong, weak, weak)):
-        for whole, single in zip(
-            component_gradients(np.dstack(order)), component_gradients(strong), strict=True
-        ):
+        for whole, single in zip(component_gradients(np.dstack(order)), component_gradients(strong), strict=True):
             np.testing.assert_allclose(whole, single, atol=1e-3)
 
 

@@ -75,9 +75,7 @@ def test_the_heading_may_drift_for_as_long_as_the_odometry_runs(recording: Recor
 
 
 def test_a_time_without_odometry_is_an_error_that_names_the_file(recording: Recording) -> None:
-    with pytest.raises(
-        ShotError, match=r"odometry\.csv: no pose at 9 s: expected a time between 0 s and 2 s"
-    ):
+    with pytest.raises(ShotError, match=r"odometry\.csv: no pose at 9 s: expected a time between 0 s and 2 s"):
         shelf_at(recording, 9.0, PRIOR)
 
 
@@ -185,9 +183,7 @@ def test_a_shot_that_cannot_be_read_is_passed_over(
         assert problem.startswith(f"{blank_recording / 'images' / f'{number}.png'}: is not a JPEG or PNG")
 
 
-def test_a_shot_that_the_odometry_does_not_reach_is_passed_over(
-    blank_recording: Path, tmp_path: Path
-) -> None:
+def test_a_shot_that_the_odometry_does_not_reach_is_passed_over(blank_recording: Path, tmp_path: Path) -> None:
     edit(blank_recording / "shots.csv", "0.0,images", "-5,images")
     edit(blank_recording / "shots.csv", "1.5,images", "5,images")
     outcomes = worked(read_job(blank_recording), tmp_path / "out")

@@ -224,9 +224,7 @@ def any_model(draw: st.DrawFn) -> PalletModel:
 
 
 @given(model=any_model())
-def test_what_is_written_is_read_back_unchanged(
-    model: PalletModel, tmp_path_factory: pytest.TempPathFactory
-) -> None:
+def test_what_is_written_is_read_back_unchanged(model: PalletModel, tmp_path_factory: pytest.TempPathFactory) -> None:
     path = tmp_path_factory.getbasetemp() / "pallets.yaml"
     path.write_text(format_pallets([model]), encoding="utf-8")
     assert read_pallets(path) == {model.name: model}

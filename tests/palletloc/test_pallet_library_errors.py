@@ -97,9 +97,7 @@ def test_a_repeated_key_is_refused(pallet_file: Callable[[str], Path], content: 
     ("name", "shown"),
     [("1200", "1200"), ("a/b", "'a/b'"), ("'a,b'", "'a,b'"), ("'a b'", "'a b'"), ("''", "''")],
 )
-def test_a_name_fits_into_a_table_and_a_file_name(
-    pallet_file: Callable[[str], Path], name: str, shown: str
-) -> None:
+def test_a_name_fits_into_a_table_and_a_file_name(pallet_file: Callable[[str], Path], name: str, shown: str) -> None:
     expected = f": {shown} is no name of a pallet model; expected letters, digits, '-', '_', '.'"
     assert complaint(pallet_file(GOOD.replace("mine", name, 1))) == expected
 
@@ -168,9 +166,7 @@ def test_a_name_fits_into_a_table_and_a_file_name(
         ("depth_m: 0.9", "depth_m: 0", "mine: the face's depth must be positive, got 0 m"),
     ],
 )
-def test_a_wrong_key_or_value_is_named(
-    pallet_file: Callable[[str], Path], old: str, new: str, problem: str
-) -> None:
+def test_a_wrong_key_or_value_is_named(pallet_file: Callable[[str], Path], old: str, new: str, problem: str) -> None:
     content = GOOD.replace(old, new, 1)
     assert content != GOOD
     assert complaint(pallet_file(content)).startswith(f": {problem}")

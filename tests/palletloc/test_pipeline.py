@@ -101,9 +101,7 @@ def test_any_start_near_the_pallet_leads_to_the_same_pose(
     assert abs(apart[3]) < np.radians(0.15)
 
 
-def test_the_height_chooses_where_the_yaw_comes_from(
-    rack_shot: ShotView, rack_pallets: tuple[Placed, ...]
-) -> None:
+def test_the_height_chooses_where_the_yaw_comes_from(rack_shot: ShotView, rack_pallets: tuple[Placed, ...]) -> None:
     expected = [YawSource.BOTTOM, YawSource.FACE, YawSource.TOP]
     for (model, pose), source in zip(rack_pallets, expected, strict=True):
         assert horizontal_plane_for(rack_shot, Candidate(model, pose, None), CONFIG) is source

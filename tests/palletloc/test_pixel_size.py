@@ -9,7 +9,7 @@ from palletloc.geometry import FloatArray
 from palletloc.pixel_size import pixel_sizes
 from palletloc.plane import PALLET_FROM_HORIZONTAL, PALLET_FROM_VERTICAL
 
-CAMERAS = {
+CAMERAS: dict[str, CameraModel] = {
     "equirectangular": Equirectangular(1920, 960),
     "pinhole": Pinhole(640, 480, 420.0, 400.0, 319.5, 239.5, -0.03, 0.004),
     "fisheye": KannalaBrandt(800, 800, 240.0, 240.0, 399.5, 399.5, 0.01, max_angle=np.radians(97.0)),
@@ -44,9 +44,7 @@ def brute_force(camera: CameraModel, camera_from_plane: RigidTransform) -> Float
     ],
     ids=["vertical", "horizontal"],
 )
-def test_a_pixel_is_as_large_as_moving_points_say(
-    camera: CameraModel, camera_from_plane: RigidTransform
-) -> None:
+def test_a_pixel_is_as_large_as_moving_points_say(camera: CameraModel, camera_from_plane: RigidTransform) -> None:
     sizes = pixel_sizes(camera, camera_from_plane, POINTS, DIRECTIONS)
     np.testing.assert_allclose(sizes, brute_force(camera, camera_from_plane), rtol=2e-3)
 

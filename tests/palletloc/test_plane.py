@@ -17,9 +17,7 @@ INTO, LEFT, UP = np.eye(3)
     [(PALLET_FROM_VERTICAL, (-LEFT, UP, -INTO)), (PALLET_FROM_HORIZONTAL, (-LEFT, INTO, UP))],
     ids=["vertical", "horizontal"],
 )
-def test_axes_point_right_up_and_towards_the_viewer(
-    plane: RigidTransform, axes: tuple[np.ndarray, ...]
-) -> None:
+def test_axes_point_right_up_and_towards_the_viewer(plane: RigidTransform, axes: tuple[np.ndarray, ...]) -> None:
     np.testing.assert_allclose(plane.as_matrix()[:3, :3].T, axes, atol=1e-12)
     np.testing.assert_array_equal(plane.translation, 0.0)
 

@@ -25,9 +25,7 @@ def swept(
     prior: HeightPrior | None = FLOOR,
     yaw_known: bool = True,
 ) -> Sweep | Reason:
-    return sweep(
-        shot.projector, shot.image, shot.camera_from_forklift, start, model, prior, yaw_known, CONFIG
-    )
+    return sweep(shot.projector, shot.image, shot.camera_from_forklift, start, model, prior, yaw_known, CONFIG)
 
 
 def along_ray(shot: ShotView, pose: LevelPose, factor: float) -> LevelPose:
@@ -112,9 +110,7 @@ def test_nothing_is_found_in_a_plain_image(portrait: Portrait, t11: PalletModel)
     assert swept(plain, t11) is Reason.NO_PEAK
 
 
-def test_behind_the_face_or_outside_the_image_there_is_nothing_to_sweep(
-    portrait: Portrait, t11: PalletModel
-) -> None:
+def test_behind_the_face_or_outside_the_image_there_is_nothing_to_sweep(portrait: Portrait, t11: PalletModel) -> None:
     shot = portrait(t11, POSE)
     assert swept(shot, t11, replace(POSE, yaw=-np.pi / 2)) is Reason.BEHIND_FACE
     assert swept(shot, t11, replace(POSE, x=5.0)) is Reason.OUT_OF_VIEW

@@ -34,17 +34,13 @@ def dual_lens(cx: float, cy: float) -> KannalaBrandt:
 CAMERAS: dict[str, CameraModel] = {
     "equirectangular": Equirectangular(1920, 960),
     "equirectangular_4k": Equirectangular(3840, 1920),
-    "fisheye": KannalaBrandt(
-        1000, 960, 255.0, 257.0, 498.0, 483.0, **FISHEYE_TERMS, max_angle=np.radians(110.0)
-    ),
+    "fisheye": KannalaBrandt(1000, 960, 255.0, 257.0, 498.0, 483.0, **FISHEYE_TERMS, max_angle=np.radians(110.0)),
     "pinhole": Pinhole(640, 480, 300.0, 310.0, 322.0, 236.5),
     "brown": Pinhole(800, 600, 420.0, 425.0, 405.0, 296.0, k1=-0.28, k2=0.09, p1=0.002, p2=-0.001, k3=-0.012),
     "dual_fisheye": DualFisheye(
         FisheyeLens(
             dual_lens(478.0, 481.5),
-            RigidTransform.from_components(
-                [0.012, 0.001, -0.002], Rotation.from_rotvec([0.01, -0.02, 0.005])
-            ),
+            RigidTransform.from_components([0.012, 0.001, -0.002], Rotation.from_rotvec([0.01, -0.02, 0.005])),
         ),
         FisheyeLens(
             dual_lens(1441.0, 477.0),
@@ -134,9 +130,7 @@ def direction_image(name: str) -> tuple[Image, BoolArray]:
 
 @every_camera
 @every_plane
-def test_the_table_is_the_exact_map(
-    camera: CameraModel, camera_from_plane: RigidTransform, grid: PlaneGrid
-) -> None:
+def test_the_table_is_the_exact_map(camera: CameraModel, camera_from_plane: RigidTransform, grid: PlaneGrid) -> None:
     table = build_table(camera, camera_from_plane, grid)
     exact = exact_map(camera, camera_from_plane, grid)
     np.testing.assert_array_equal(table.valid, exact.valid)
@@ -190,9 +184,7 @@ SEEN = [
 
 @pytest.mark.parametrize(("name", "plane_name"), SEEN)
 @pytest.mark.parametrize("interpolation", Interpolation)
-def test_the_view_shows_what_lies_in_each_direction(
-    name: str, plane_name: str, interpolation: Interpolation
-) -> None:
+def test_the_view_shows_what_lies_in_each_direction(name: str, plane_name: str, interpolation: Interpolation) -> None:
     camera, (camera_from_plane, grid) = CAMERAS[name], PLANES[plane_name]
     image, seen_around = direction_image(name)
     table = build_table(camera, camera_from_plane, grid)
@@ -212,9 +204,7 @@ def test_the_view_shows_what_lies_in_each_direction(
 
 @pytest.mark.parametrize("interpolation", Interpolation)
 @pytest.mark.parametrize(("name", "expected"), [("straight_below", 200), ("straight_above", 40)])
-def test_the_image_does_not_wrap_over_the_poles(
-    interpolation: Interpolation, name: str, expected: int
-) -> None:
+def test_the_image_does_not_wrap_over_the_poles(interpolation: Interpolation, name: str, expected: int) -> None:
     camera = CAMERAS["equirectangular"]
     image = np.full((camera.height, camera.width), 40, dtype=np.uint8)
     image[camera.height // 2 :] = 200
@@ -255,9 +245,7 @@ def test_nearest_reads_the_very_pixel(name: str) -> None:
 
 @every_camera
 @every_plane
-def test_the_arrays_are_read_only(
-    camera: CameraModel, camera_from_plane: RigidTransform, grid: PlaneGrid
-) -> None:
+def test_the_arrays_are_read_only(camera: CameraModel, camera_from_plane: RigidTransform, grid: PlaneGrid) -> None:
     table = build_table(camera, camera_from_plane, grid)
     assert not table.places.flags.writeable
     assert not table.valid.flags.writeable

@@ -35,9 +35,7 @@ def test_from_the_origin_the_plane_is_as_given(shelf: ShelfPlane) -> None:
 
 
 @given(shelves, forklifts, forklifts)
-def test_going_on_is_the_same_as_going_at_once(
-    shelf: ShelfPlane, first: LevelPose, second: LevelPose
-) -> None:
+def test_going_on_is_the_same_as_going_at_once(shelf: ShelfPlane, first: LevelPose, second: LevelPose) -> None:
     at_once = shelf.seen_from(level_pose(first.transform() * second.transform()))
     in_turn = shelf.seen_from(first).seen_from(second)
     np.testing.assert_allclose([in_turn.x, in_turn.y], [at_once.x, at_once.y], atol=1e-8)

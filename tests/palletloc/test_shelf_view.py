@@ -30,9 +30,7 @@ def looking(whole_view: CameraModel, t11: PalletModel, forklift_from_camera: Rig
     projector = Projector(whole_view)
     image = np.full((whole_view.height, whole_view.width), 100, np.uint8)
 
-    def view(
-        shelf: ShelfPlane = SHELF, level: float | None = 0.0, config: DetectionConfig = CONFIG
-    ) -> ShelfView:
+    def view(shelf: ShelfPlane = SHELF, level: float | None = 0.0, config: DetectionConfig = CONFIG) -> ShelfView:
         return view_shelf(projector, image, shelf, forklift_from_camera, [t11], level, config)
 
     return view
@@ -72,7 +70,9 @@ def test_the_view_holds_every_face_that_is_searched(level: float | None, looking
     assert right > seen.columns[1] + t11.width / 2
 
 
-def test_what_is_searched_lies_in_range_and_not_behind(looking: Looking, forklift_from_camera: RigidTransform) -> None:
+def test_what_is_searched_lies_in_range_and_not_behind(
+    looking: Looking, forklift_from_camera: RigidTransform
+) -> None:
     seen = looking()
     for column in seen.columns:
         away = seen.forklift_from_plane.apply([column, 0.0, 0.0]) - forklift_from_camera.translation
@@ -108,9 +108,7 @@ def test_drift_widens_the_band(looking: Looking) -> None:
     ],
     ids=["behind", "facing_away", "through", "grazing"],
 )
-def test_a_plane_that_the_camera_is_not_before_is_refused(
-    shelf: ShelfPlane, message: str, looking: Looking
-) -> None:
+def test_a_plane_that_the_camera_is_not_before_is_refused(shelf: ShelfPlane, message: str, looking: Looking) -> None:
     with pytest.raises(ShelfPlaneError, match=message) as caught:
         looking(shelf)
     assert isinstance(caught.value, PalletLocError)

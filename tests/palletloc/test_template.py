@@ -35,9 +35,7 @@ def template_of(view: PlaneView, model: PalletModel) -> list[TemplatePiece]:
 
 @pytest.mark.parametrize("model", LIBRARY.values(), ids=LIBRARY)
 @pytest.mark.parametrize("camera", [None, CAMERA])
-def test_edges_weigh_one_in_all_and_blocks_count_against(
-    model: PalletModel, camera: FloatArray | None
-) -> None:
+def test_edges_weigh_one_in_all_and_blocks_count_against(model: PalletModel, camera: FloatArray | None) -> None:
     blank = np.zeros((GRID.rows, GRID.columns), np.float32)
     pieces = face_template(model, EdgeEnergy(blank, blank), RESOLUTION, camera)
     weights = np.array([piece.weight for piece in pieces])

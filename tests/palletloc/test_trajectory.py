@@ -61,9 +61,7 @@ def test_a_path_on_the_floor_has_no_height() -> None:
 
 @pytest.mark.parametrize("time", [-0.11, 10.2, 1e9, float("nan"), float("inf")])
 def test_a_time_outside_is_an_error_that_names_time_and_span(time: float) -> None:
-    with pytest.raises(
-        TrajectoryError, match=rf"{re.escape(f'{time:.6g}')} s.*between 0 s and 10 s.*0\.1 s outside"
-    ):
+    with pytest.raises(TrajectoryError, match=rf"{re.escape(f'{time:.6g}')} s.*between 0 s and 10 s.*0\.1 s outside"):
         steady(np.linspace(0, 10, 101)).pose_at(time)
 
 

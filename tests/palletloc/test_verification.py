@@ -97,7 +97,12 @@ def test_the_better_a_candidate_the_higher_its_rank() -> None:
 def test_a_pallet_overlaps_itself_and_none_far_away(pose: LevelPose) -> None:
     assert overlapping(pose, WIDE, pose, WIDE)
     assert overlapping(pose, WIDE, pose, NARROW)
-    for place in (beside(pose, 0.0, 1.3), beside(pose, 0.0, -1.3), beside(pose, 1.3, 0.0), beside(pose, 0.0, 0.0, 1.0)):
+    for place in (
+        beside(pose, 0.0, 1.3),
+        beside(pose, 0.0, -1.3),
+        beside(pose, 1.3, 0.0),
+        beside(pose, 0.0, 0.0, 1.0),
+    ):
         assert not overlapping(pose, WIDE, place, WIDE)
 
 

@@ -22,9 +22,7 @@ def test_what_is_printed_can_be_fed_back(tmp_path: Path, capsys: pytest.CaptureF
     assert capsys.readouterr().out == printed
 
 
-def test_a_files_values_take_the_place_of_the_defaults(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_files_values_take_the_place_of_the_defaults(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text("detection: {max_range: 4.5}\n")
     assert run(["config"]) == 0

@@ -150,9 +150,7 @@ def true_poses(folder: Path, time: float) -> list[LevelPose]:
     """Return the pallets of a recording in the forklift frame."""
     truth = read_truth(folder)
     forklift_from_world = truth.forklift.pose_at(time).transform().inv()
-    return [
-        level_pose(forklift_from_world * pallet.world_from_pallet.transform()) for pallet in truth.pallets
-    ]
+    return [level_pose(forklift_from_world * pallet.world_from_pallet.transform()) for pallet in truth.pallets]
 
 
 def errors(pose: LevelPose, true: LevelPose) -> tuple[float, float]:
@@ -177,9 +175,7 @@ def test_from_a_given_start_its_own_pallet_is_measured(simulated: Path, tmp_path
     shot = read_recording(simulated).shots[1]
     near = [pose for pose in true_poses(simulated, shot.time) if 1.0 < pose.x < 3.5]
     assert near
-    lines = [
-        f"{shot.time},t11-plastic,{pose.x + 0.03},{pose.y - 0.02},{pose.z},{pose.yaw + 0.02}" for pose in near
-    ]
+    lines = [f"{shot.time},t11-plastic,{pose.x + 0.03},{pose.y - 0.02},{pose.z},{pose.yaw + 0.02}" for pose in near]
     path = tmp_path / "initial.csv"
     path.write_text("\n".join([STARTS.splitlines()[0], *lines]) + "\n")
     out = tmp_path / "out"

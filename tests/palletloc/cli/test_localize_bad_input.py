@@ -220,9 +220,7 @@ def test_wrong_usage_is_exit_code_2(options: list[str]) -> None:
         ("0,1.5\n0.0", "0\n0.0", "line 3: expected 6 cells, got 5"),
     ],
 )
-def test_a_bad_start_is_one_line(
-    old: str, new: str, problem: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_bad_start_is_one_line(old: str, new: str, problem: str, capsys: pytest.CaptureFixture[str]) -> None:
     Path("initial.csv").write_text(STARTS.replace(old, new))
     assert localize("--initial", "initial.csv") == 1
     assert capsys.readouterr() == ("", f"palletloc: initial.csv, {problem}\n")

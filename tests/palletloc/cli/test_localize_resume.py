@@ -133,9 +133,7 @@ def test_a_finished_run_is_not_done_again(
         (["--initial", "initial.csv"], "starts"),
     ],
 )
-def test_another_run_is_not_resumed(
-    options: list[str], what: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_another_run_is_not_resumed(options: list[str], what: str, capsys: pytest.CaptureFixture[str]) -> None:
     Path("initial.csv").write_text(STARTS)
     Path("mine.yaml").write_text("detection: {max_range: 2}\n")
     assert localize() == 0

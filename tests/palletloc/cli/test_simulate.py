@@ -31,10 +31,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 )
 def test_what_it_writes_is_a_recording_with_truth(tmp_path: Path, camera: str, side: str) -> None:
     out = tmp_path / "approach"
-    assert (
-        simulate(out, "--camera", camera, "--side", side, "--model", "t11-plastic", "--model", "epal1-800")
-        == 0
-    )
+    assert simulate(out, "--camera", camera, "--side", side, "--model", "t11-plastic", "--model", "epal1-800") == 0
     recording, truth = read_recording(out), read_truth(out)
     check_shelf(recording)
     assert [model.name for model in recording.models] == ["t11-plastic", "epal1-800"]

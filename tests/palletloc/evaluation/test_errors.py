@@ -233,9 +233,7 @@ def disturbed(recording: Path, rng: np.random.Generator) -> list[PalletMeasureme
             truth.forklift.pose_at(shot.time),
             forklift_from_camera,
         )
-        poses = [
-            LevelPose(*(one.forklift_from_pallet.as_array() + 0.03 * rng.normal(size=4))) for one in faces
-        ]
+        poses = [LevelPose(*(one.forklift_from_pallet.as_array() + 0.03 * rng.normal(size=4))) for one in faces]
         poses = [pose for pose in poses if rng.random() < 0.8]
         poses += [LevelPose(*rng.uniform(-3, 3, 4)) for _ in range(int(rng.integers(3)))]
         root = rng.normal(size=(4, 4)) * 0.03
@@ -254,11 +252,7 @@ def test_another_implementation_counts_the_same(name: str, tmp_path: Path) -> No
     truth, read = read_truth(recording), read_recording(recording)
     shots = recording_errors(
         [shot.time for shot in read.shots],
-        [
-            one
-            for one in read_measurements(tmp_path / "measurements.csv")
-            if isinstance(one, PalletMeasurement)
-        ],
+        [one for one in read_measurements(tmp_path / "measurements.csv") if isinstance(one, PalletMeasurement)],
         truth.pallets,
         {model.name: model.width for model in read.models},
         truth.forklift,

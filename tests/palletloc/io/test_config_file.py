@@ -14,9 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palletloc.config import LocalizerConfig
+from palletloc.horizontal_view import BoundaryMethod
 from palletloc.io.config_file import _RANGES, format_config, read_config
 from palletloc.io.reading import InputError
-from palletloc.horizontal_view import BoundaryMethod
 
 DEFAULT = LocalizerConfig()
 

@@ -95,9 +95,7 @@ def test_a_truncated_file_is_an_error_without_decoding(tmp_path: Path, name: str
     path = tmp_path / name
     for share in (0.001, 0.1, 0.6, 0.99):
         path.write_bytes(content[: int(len(content) * share) + 1])
-        with pytest.raises(
-            ImageError, match=rf"{name}: is (truncated|not a JPEG or PNG image, or is cut off)"
-        ):
+        with pytest.raises(ImageError, match=rf"{name}: is (truncated|not a JPEG or PNG image, or is cut off)"):
             read_image(path)
 
 
@@ -180,9 +178,7 @@ def test_a_file_that_is_no_image_is_an_error(tmp_path: Path, content: bytes, sai
         read_image(tmp_path / "a.jpg")
 
 
-def test_an_image_that_the_decoder_refuses_is_an_error(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_image_that_the_decoder_refuses_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a.jpg").write_bytes(encoded(".jpg"))
     monkeypatch.setattr(cv2, "imdecode", lambda *_: None)
     with pytest.raises(ImageError, match=r"a\.jpg: is damaged"):

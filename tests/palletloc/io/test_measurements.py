@@ -112,17 +112,11 @@ def test_refusals_written_are_refusals_read(tmp_path: Path) -> None:
     )
     write_refusals(tmp_path / "refusals.csv", refusals)
     assert read_refusals(tmp_path / "refusals.csv") == refusals
-    assert (
-        (tmp_path / "refusals.csv")
-        .read_text()
-        .startswith("time_s,file,model,stage,reason\n0.0,images/0.jpg,t11,")
-    )
+    assert (tmp_path / "refusals.csv").read_text().startswith("time_s,file,model,stage,reason\n0.0,images/0.jpg,t11,")
 
 
 def test_an_unknown_reason_names_the_nearest(tmp_path: Path) -> None:
     path = tmp_path / "refusals.csv"
     path.write_text("time_s,file,model,stage,reason\n0.0,a.jpg,t11,yaw,no_lines\n")
-    with pytest.raises(
-        TableError, match=r"line 2: reason: unknown word 'no_lines'; did you mean 'no_line'\?"
-    ):
+    with pytest.raises(TableError, match=r"line 2: reason: unknown word 'no_lines'; did you mean 'no_line'\?"):
         read_refusals(path)

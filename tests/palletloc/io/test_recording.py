@@ -136,9 +136,7 @@ LENS = "{model: kannala_brandt, width: 64, height: 32, focal_px: [20, 20], cente
         ("odometry.csv", "0.1,0.4,0.1\n", "0.1,0.4", r"odometry\.csv, line \d: expected 6 cells, got 5"),
     ],
 )
-def test_bad_input_is_an_error_with_file_and_place(
-    folder: Path, file: str, old: str, new: str, said: str
-) -> None:
+def test_bad_input_is_an_error_with_file_and_place(folder: Path, file: str, old: str, new: str, said: str) -> None:
     change(folder, file, old, new)
     with pytest.raises(PalletLocError, match=said) as caught:
         read_recording(folder)
@@ -182,9 +180,7 @@ def test_a_shelf_through_or_behind_the_camera_is_an_error(
     folder: Path, x: float, y: float, facing_deg: float, said: str
 ) -> None:
     recording = replace(read_recording(folder), shelf=ShelfPlane(x, y, np.radians(facing_deg)))
-    with pytest.raises(
-        PalletLocError, match=rf"recording\.yaml: shelf: at the first shot the camera is {said}"
-    ):
+    with pytest.raises(PalletLocError, match=rf"recording\.yaml: shelf: at the first shot the camera is {said}"):
         check_shelf(recording)
 
 
@@ -205,9 +201,7 @@ def test_a_recording_written_is_the_recording_read(folder: Path, tmp_path: Path)
         assert getattr(copy, name) == getattr(recording, name), name
     assert copy.shelf.facing == pytest.approx(recording.shelf.facing, abs=1e-12)
     assert replace(copy.shelf, facing=0.0) == replace(recording.shelf, facing=0.0)
-    assert_allclose(
-        copy.forklift_from_camera.as_matrix(), recording.forklift_from_camera.as_matrix(), atol=1e-12
-    )
+    assert_allclose(copy.forklift_from_camera.as_matrix(), recording.forklift_from_camera.as_matrix(), atol=1e-12)
     for name in ("times", "x", "y", "speed", "yaw_rate"):
         assert_array_equal(getattr(copy.odometry, name), getattr(recording.odometry, name))
     assert np.abs(wrap_angle(copy.odometry.yaw - recording.odometry.yaw)).max() < 1e-6

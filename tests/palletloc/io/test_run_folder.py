@@ -224,9 +224,7 @@ def test_another_run_is_not_resumed(tmp_path: Path, name: str, finished: bool) -
     before = files(tmp_path)
     values = {"recording": "0123", "method": "paper", "configuration": "4567", "starts": "", "version": "1.0"}
     other = Run(**values | {name: "other"})
-    with pytest.raises(
-        ResumeError, match=rf"cannot resume: .*{name} '{values[name]}', not 'other'"
-    ) as caught:
+    with pytest.raises(ResumeError, match=rf"cannot resume: .*{name} '{values[name]}', not 'other'") as caught:
         work(tmp_path, run=other, resume=True)
     assert "\n" not in str(caught.value)
     assert files(tmp_path) == before
@@ -239,9 +237,7 @@ def test_a_damaged_journal_is_not_resumed(tmp_path: Path, content: str) -> None:
         work(tmp_path, resume=True)
 
 
-@pytest.mark.parametrize(
-    "content", ["", "[1]", "{}", '{"run": [1, 2], "done": 5}', '{"run": {}, "done": "x"}']
-)
+@pytest.mark.parametrize("content", ["", "[1]", "{}", '{"run": [1, 2], "done": 5}', '{"run": {}, "done": "x"}'])
 def test_a_damaged_status_is_not_resumed(tmp_path: Path, content: str) -> None:
     work(tmp_path)
     (tmp_path / "run.json").write_text(content)

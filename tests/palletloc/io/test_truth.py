@@ -50,9 +50,7 @@ def test_a_recording_without_truth_is_an_error_that_says_what_is_expected(tmp_pa
         ("pallets.csv", "4.15", "NaN", r"line 2: x_m: expected a finite number"),
     ],
 )
-def test_bad_truth_is_an_error_with_file_and_line(
-    tmp_path: Path, file: str, old: str, new: str, said: str
-) -> None:
+def test_bad_truth_is_an_error_with_file_and_line(tmp_path: Path, file: str, old: str, new: str, said: str) -> None:
     write_truth(tmp_path, turning())
     path = tmp_path / "truth" / file
     assert old in path.read_text()

@@ -168,8 +168,6 @@ def test_a_document_written_is_the_document_read(spec: RecordingSpec) -> None:
 
 
 def test_exponents_survive_yamls_idea_of_a_number(tmp_path: Path) -> None:
-    spec = read(tmp_path, TEXT).model_copy(
-        update={"shelf": ShelfSpec(point_m=(1e-7, -1e16), facing_deg=math.pi)}
-    )
+    spec = read(tmp_path, TEXT).model_copy(update={"shelf": ShelfSpec(point_m=(1e-7, -1e16), facing_deg=math.pi)})
     write_document(tmp_path / "again.yaml", spec)
     assert read_document(tmp_path / "again.yaml", RecordingSpec) == spec

@@ -50,8 +50,6 @@ def looking() -> Callable[..., RigidTransform]:
 
     def world_from_camera(position: Sequence[float], *angles_deg: float) -> RigidTransform:
         angles = (*angles_deg, 0.0, 0.0, 0.0)[:3]
-        return RigidTransform.from_components(
-            np.array(position), Rotation.from_euler("ZYX", angles, degrees=True)
-        )
+        return RigidTransform.from_components(np.array(position), Rotation.from_euler("ZYX", angles, degrees=True))
 
     return world_from_camera

@@ -23,9 +23,7 @@ def draw(spec: AisleSpec, seed: int) -> Aisle:
 
 def footprint(pallet: StandingPallet) -> FloatArray:
     """The pallet's ground outline, sampled densely in the world."""
-    x, y = np.meshgrid(
-        np.linspace(0, pallet.model.depth, 23), np.linspace(-0.5, 0.5, 25) * pallet.model.width
-    )
+    x, y = np.meshgrid(np.linspace(0, pallet.model.depth, 23), np.linspace(-0.5, 0.5, 25) * pallet.model.width)
     points = np.stack([x.ravel(), y.ravel(), np.full(x.size, 0.05)], -1)
     return pallet.world_from_pallet.transform().apply(points)
 

@@ -43,9 +43,7 @@ def test_the_shadow_of_a_slab_lies_where_its_edges_are_projected(hall: Scenes) -
     # light from (0.6, 0, 0.8) throws the edges at x = +-1, one metre up, to -1.75 and 0.25; from the other
     # side to -0.25 and 1.75; the two directions across reach all between -1 and 1
     full = scene.light.open_ground
-    expected = full * (
-        1 - 0.25 * (np.abs(x + 0.75) < 1) - 0.25 * (np.abs(x - 0.75) < 1) - 0.5 * (np.abs(x) < 1)
-    )
+    expected = full * (1 - 0.25 * (np.abs(x + 0.75) < 1) - 0.25 * (np.abs(x - 0.75) < 1) - 0.5 * (np.abs(x) < 1))
     assert np.mean(np.abs(floor - expected) > 0.02 * full) < 0.05
 
 

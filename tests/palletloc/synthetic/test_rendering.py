@@ -131,9 +131,7 @@ def centre(picture: Picture) -> int:
     return int(picture.solids[picture.solids.shape[0] // 2, picture.solids.shape[1] // 2])
 
 
-def test_what_is_behind_is_seen_through_an_opening(
-    closed_below: PalletModel, hall: Scenes, looking: Poses
-) -> None:
+def test_what_is_behind_is_seen_through_an_opening(closed_below: PalletModel, hall: Scenes, looking: Poses) -> None:
     camera = Pinhole(41, 41, 400.0, 400.0, 20.0, 20.0)
     pallet = PalletBody(LevelPose(2.0, 0.0, 0.0, 0.0), closed_below, BLACK)
     behind = Box(LevelPose(3.2, 0.264, 0.1, 0.0), (0.1, 0.3, 0.2), RED)

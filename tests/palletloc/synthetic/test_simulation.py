@@ -17,9 +17,7 @@ from palletloc.synthetic.rig import CameraKind
 from palletloc.synthetic.sensor import Sensor
 from palletloc.synthetic.simulation import SimulationSpec, simulate
 
-AISLE = AisleSpec(
-    models=(load_library()["epal1-1200"],), levels=(0.0,), length=5.0, opposite=False, clutter=0
-)
+AISLE = AisleSpec(models=(load_library()["epal1-1200"],), levels=(0.0,), length=5.0, opposite=False, clutter=0)
 SPEC = SimulationSpec(aisle=AISLE, width=256, shots=2)
 EXACT = replace(SPEC, odometry=OdometryNoise(0.0, 0.0, 0.0, 0.0), plane_offset=0.0, plane_turn=0.0)
 

@@ -16,24 +16,18 @@ edge.
 from importlib.resources import files
 from pathlib import Path
 
-import cv2
 import matplotlib.pyplot as plt
-from matplotlib.axes import Axes
 
-from palletloc.geometry import Image, LevelPose
+from palletloc.drawing.canvas import rgb, show_view
+from palletloc.geometry import LevelPose
 from palletloc.io.recording import read_recording
-from palletloc.plane import PALLET_FROM_HORIZONTAL, PALLET_FROM_VERTICAL, PlaneGrid, PlaneView
+from palletloc.plane import PALLET_FROM_HORIZONTAL, PALLET_FROM_VERTICAL, PlaneGrid
 from palletloc.projection import Projector
 
 recording = read_recording(Path(str(files("palletloc") / "sample")))
 shot = recording.shots[2]
 image = recording.image(shot)
 shelf = recording.shelf.seen_from(recording.odometry.pose_at(shot.time))
-
-
-def rgb(bgr: Image) -> Image:
-    return cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB).astype("uint8")
-
 
 figure, axes = plt.subplots(figsize=(9, 4.5), layout="constrained")
 axes.imshow(rgb(image), extent=(-0.5, image.shape[1] - 0.5, image.shape[0] - 0.5, -0.5))
@@ -54,19 +48,9 @@ front = projector.view(
     camera_from_forklift * forklift_from_pallet.transform() * PALLET_FROM_VERTICAL,
     PlaneGrid.spanning(-2.5, 2.5, -0.2, 2.0, resolution=0.005),
 )
-
-
-def show(axes: Axes, view: PlaneView, title: str) -> None:
-    grid = view.grid
-    right = grid.left + (grid.columns - 1) * grid.resolution
-    bottom = grid.top - (grid.rows - 1) * grid.resolution
-    half = grid.resolution / 2  # pixel centres lie on the grid
-    axes.imshow(rgb(view.image), extent=(grid.left - half, right + half, bottom - half, grid.top + half))
-    axes.set(title=title, xlabel="right / m", ylabel="up / m")
-
-
 figure, axes = plt.subplots(figsize=(9, 4.4), layout="constrained")
-show(axes, front, "nominal front plane of the shelf, 5 mm per pixel")
+show_view(axes, front)
+axes.set(title="nominal front plane of the shelf, 5 mm per pixel", xlabel="right / m", ylabel="up / m")
 
 # %%
 # The horizontal plane
@@ -82,7 +66,8 @@ floor = projector.view(
     PlaneGrid.spanning(-2.5, 2.5, -1.0, 1.0, resolution=0.005),
 )
 figure, axes = plt.subplots(figsize=(9, 4.0), layout="constrained")
-show(axes, floor, "horizontal plane at the height of the floor")
+show_view(axes, floor)
+axes.set(title="horizontal plane at the height of the floor", xlabel="right / m", ylabel="up / m")
 axes.axhline(0.0, color="w", linestyle=":", linewidth=1)
 
 # %%

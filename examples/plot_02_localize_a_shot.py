@@ -12,10 +12,10 @@ From an image to poses in ten lines, and a look at what became of every candidat
 from importlib.resources import files
 from pathlib import Path
 
-import cv2
 import matplotlib.pyplot as plt
 import numpy as np
 
+from palletloc.drawing.canvas import rgb
 from palletloc.drawing.outline import place_outline, project_line
 from palletloc.io.recording import read_recording
 from palletloc.localizer import Localizer
@@ -52,7 +52,7 @@ left, top = np.concatenate(pixels).min(axis=0) - 60
 right, bottom = np.concatenate(pixels).max(axis=0) + 60
 
 figure, axes = plt.subplots(figsize=(9, 6), layout="constrained")
-axes.imshow(cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
+axes.imshow(rgb(image))
 for piece in pixels:
     axes.plot(*piece.T, color="lime", linewidth=1)
 axes.set(xlim=(left, right), ylim=(bottom, top), xlabel="u / px", ylabel="v / px", title="measured fronts")

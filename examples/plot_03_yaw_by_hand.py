@@ -14,10 +14,10 @@ from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 
-import cv2
 import matplotlib.pyplot as plt
 import numpy as np
 
+from palletloc.drawing.canvas import show_view
 from palletloc.evaluation.errors import true_faces
 from palletloc.geometry import LevelPose
 from palletloc.horizontal_view import HorizontalView, YawConfig, view_horizontal
@@ -57,11 +57,9 @@ def look(pose: LevelPose) -> HorizontalView:
 
 
 def show(seen: HorizontalView, slope: float, up: float, title: str) -> None:
-    grid = seen.view.grid
-    right = np.array([grid.left, grid.left + (grid.columns - 1) * grid.resolution])
-    bottom = grid.top - (grid.rows - 1) * grid.resolution
     _, axes = plt.subplots(figsize=(9, 5.2), layout="constrained")
-    axes.imshow(cv2.cvtColor(seen.view.image, cv2.COLOR_BGR2RGB), extent=(right[0], right[1], bottom, grid.top))
+    show_view(axes, seen.view)
+    right = np.array(axes.get_xlim())
     axes.axhline(0.0, color="w", linestyle=":", linewidth=1)
     axes.plot(right, up + slope * right, color="red", linewidth=1)
     axes.set(title=title, xlabel="right / m", ylabel="up / m")

@@ -11,10 +11,10 @@ so.
 # A scene, a way of the forklift with the errors of its odometry, a mounting, and a nominal shelf plane that is
 # off by up to 3 cm and 0.8 degrees. One shot is rendered when it is asked for.
 
-import cv2
 import matplotlib.pyplot as plt
 import numpy as np
 
+from palletloc.drawing.canvas import rgb
 from palletloc.evaluation.errors import shot_errors, true_faces
 from palletloc.io.truth import TruePallet
 from palletloc.localizer import Localizer
@@ -29,7 +29,7 @@ time = float(simulation.times[2])
 image = simulation.image(2)
 
 figure, axes = plt.subplots(figsize=(9, 4.5), layout="constrained")
-axes.imshow(cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
+axes.imshow(rgb(image))
 axes.set(title=f"{image.shape[1]} x {image.shape[0]}, rendered", xlabel="u / px", ylabel="v / px")
 
 # %%

@@ -14,6 +14,10 @@ from palletloc.pallet import PalletModel
 from palletloc.plane import PALLET_FROM_HORIZONTAL, PlaneGrid, PlaneView, place_plane
 from palletloc.projection import Interpolation, Projector
 
+MAX_DEPTH = 1.0
+"""How far before and behind the face its other edges are looked for, in metres: those near the camera's height
+appear at any distance."""
+
 
 class BoundaryMethod(StrEnum):
     """How the boundary line is found."""
@@ -139,7 +143,9 @@ def view_horizontal(
     camera_from_plane = place_plane(camera_from_forklift, pose, PALLET_FROM_HORIZONTAL)
     plane_from_camera = np.asarray(camera_from_plane.inv().translation)
     half = model.width / 2 + 0.05
-    places = [line_up(up - height, plane_from_camera) for up in (0.0, model.height)]
+    places = [
+        float(np.clip(line_up(up - height, plane_from_camera), -MAX_DEPTH, MAX_DEPTH)) for up in (0.0, model.height)
+    ]
     grid = PlaneGrid.spanning(
         -half * 1.08, half * 1.08, min(places) - config.search, max(places) + config.search, config.resolution
     )

@@ -18,7 +18,7 @@ from palletloc.boundary import BoundaryLine, boundary_lines
 from palletloc.edge_fit import EdgeFit, edge_peaks, fit_edges, join_peaks
 from palletloc.face import EdgeKind, FaceEdge, edge_shift, face_lines
 from palletloc.geometry import LevelPose, wrap_angle
-from palletloc.horizontal_view import BoundaryMethod, HorizontalView, YawConfig, line_up
+from palletloc.horizontal_view import MAX_DEPTH, BoundaryMethod, HorizontalView, YawConfig, line_up
 from palletloc.matching import Energy, gradient_across
 from palletloc.measurement import Reason, YawSource
 from palletloc.pallet import PalletModel
@@ -206,6 +206,9 @@ def _voters(projector: Projector, model: PalletModel, seen: HorizontalView) -> l
     lines = [line for line in face_lines(model) if line.whole.horizontal]
     if seen.source is YawSource.TOP:  # a beam may hide the lower edge and be taken for it
         lines = [line for line in lines if line.kind is not EdgeKind.BOTTOM]
+    lines = [line for line in lines if abs(line_up(line.whole.middle[1] - seen.height, camera)) <= MAX_DEPTH]
+    if not lines:
+        return []
     heights = [
         line.whole.middle[1] + line.whole.outward[1] * edge_shift(line.whole, face_from_camera, model).mean
         for line in lines

@@ -132,6 +132,16 @@ def test_a_shelf_out_of_range_or_behind_has_nothing(floor_shot: ShotView, epal: 
         assert all(one.score < 0.6 for one in found)
 
 
+def test_a_level_too_high_to_be_seen_does_not_keep_the_others_from_being_searched(
+    floor_shot: ShotView, floor_pallets: tuple[Placed, ...]
+) -> None:
+    models = [model for model, _ in floor_pallets]
+    found, _ = detected(floor_shot, models, replace(SHELF, levels=(0.0, 1.5, 9.0)))
+    for model, pose in floor_pallets:
+        assert hits(found, model, pose)
+    assert all(one.level != 9.0 for one in found)
+
+
 def test_a_plane_behind_the_camera_is_refused(floor_shot: ShotView, epal: PalletModel) -> None:
     with pytest.raises(ShelfPlaneError):
         detected(floor_shot, [epal], replace(SHELF, facing=np.pi / 2))

@@ -37,12 +37,14 @@ def test_yaw_and_distance_are_found_within_the_steps_of_the_search(
 
 
 def test_the_best_score_is_that_of_the_pose(portrait: Portrait, t11: PalletModel) -> None:
-    found = searched(portrait(t11, POSE), t11)
+    start = replace(POSE, yaw=POSE.yaw + np.radians(4.0))
+    found = searched(portrait(t11, POSE), t11, start)
     assert isinstance(found, JointSearch)
     assert found.score.shape == (len(found.turns), len(found.depths)) == (7, 7)
     assert found.best == found.score.max()
     turn = found.turns[np.unravel_index(found.score.argmax(), found.score.shape)[0]]
-    assert found.forklift_from_pallet.yaw == pytest.approx(POSE.yaw + turn)
+    assert turn < 0
+    assert found.forklift_from_pallet.yaw == pytest.approx(start.yaw + turn)
     np.testing.assert_allclose(np.degrees(found.turns), np.linspace(-6.0, 6.0, 7))
 
 

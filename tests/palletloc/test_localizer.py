@@ -8,9 +8,7 @@ import pytest
 from scipy.spatial.transform import RigidTransform
 
 from palletloc.candidate import Candidate, ShotView
-from palletloc.config import LocalizerConfig
 from palletloc.geometry import FloatArray, Image, LevelPose, wrap_angle
-from palletloc.joint_search import JointSearchConfig
 from palletloc.localizer import Localizer, exclude_overlaps, measurement_of
 from palletloc.measurement import PalletMeasurement, Reason, Stage
 from palletloc.pallet import PalletModel
@@ -19,7 +17,6 @@ from palletloc.shelf_view import ShelfPlaneError
 from palletloc.verification import overlapping
 
 SHELF = ShelfPlane(1.3, 2.02, -np.pi / 2 + 0.01, (0.0,))
-CONFIG = replace(LocalizerConfig(), joint_search=JointSearchConfig(turns=9, depths=9))
 Placed = tuple[PalletModel, LevelPose]
 Makes = Callable[..., Localizer]
 

@@ -169,6 +169,8 @@ def test_a_plain_image_gives_a_refusal(portrait: Portrait, t11: PalletModel) -> 
 def test_the_nearest_of_the_long_lines_is_taken() -> None:
     long, near, short = BoundaryLine(0.01, 0.05, 200), BoundaryLine(0.02, -0.01, 150), BoundaryLine(0.03, 0.0, 60)
     assert nearest_line([long, near, short]) is near
+    assert nearest_line([near, long]) is near
+    assert nearest_line([replace(long, up=0.0), replace(near, up=0.05)]) == replace(long, up=0.0)
     assert nearest_line([long, short]) is long
     assert nearest_line([short]) is short
     assert nearest_line([]) is None

@@ -62,6 +62,18 @@ def test_the_best_peak_is_the_pallet_wherever_on_the_ray_it_starts(
         assert all(peak.z == FLOOR.z for peak in found.peaks)
 
 
+@pytest.mark.parametrize("factor", [0.95, 1.05])
+@pytest.mark.parametrize("x", [-1.0, 2.3])
+def test_far_beside_the_camera_the_face_is_followed_along_its_ray(
+    factor: float, x: float, portrait: Portrait, t11: PalletModel
+) -> None:
+    pose = replace(POSE, x=x)
+    shot = portrait(t11, pose)
+    found = swept(shot, t11, along_ray(shot, pose, factor))
+    assert isinstance(found, Sweep)
+    assert np.abs(off(found.peaks[0], pose)).max() < 0.03
+
+
 @pytest.mark.parametrize("yaw_error_deg", [-3.0, 3.0])
 def test_an_unknown_yaw_is_searched(yaw_error_deg: float, portrait: Portrait, epal: PalletModel) -> None:
     start = replace(POSE, yaw=POSE.yaw + np.radians(yaw_error_deg))

@@ -32,6 +32,10 @@ class PriorConfig:
     """How far loads stand from the known levels (one standard deviation), in metres."""
     level_reach: float = 0.30
     """How far from a known level a given start may be to belong to it, in metres."""
+    start_nearer: float = 0.35
+    """How far before a given start a pallet is looked for that is not found near it, in metres."""
+    start_farther: float = 0.85
+    """How far behind a given start a pallet is looked for that is not found near it, in metres."""
     free_sigma: float = 0.30
     """How far a pallet may stand from a start's height where no level is known, in metres."""
     yaw_sigma_deg: float = 5.0

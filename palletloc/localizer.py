@@ -195,7 +195,19 @@ class Localizer:
         for candidate in candidates:
             if candidate.refusal is None:
                 METHODS[self.method](shot, candidate, self.config)
+        candidates = [self._looked_for_widely(shot, candidate) for candidate in candidates]
         return Explanation(time, file, (), (), tuple(candidates))
+
+    def _looked_for_widely(self, shot: ShotView, candidate: Candidate) -> Candidate:
+        """Return a candidate that was not found near its start, measured with a wide reach if that helps."""
+        if candidate.refusal is None or candidate.refusal[0] is Stage.START:
+            return candidate
+        prior, config = self.config.prior, self.config
+        position = replace(config.position, nearer=prior.start_nearer, farther=prior.start_farther)
+        wide = replace(config, position=position, yaw=replace(config.yaw, search=prior.start_nearer))
+        again = Candidate(candidate.model, candidate.start, candidate.height, candidate.score)
+        METHODS[self.method](shot, again, wide)
+        return candidate if again.refusal else again
 
     def _shot(self, image: Image) -> ShotView:
         return ShotView(image, self.projector, self.mounting, self.mounting.forklift_from_camera.inv())

@@ -96,6 +96,6 @@ def _patches(
     pixels = np.rint(grid.pixels(placing(corners.reshape(-1, 2)))).astype(int).reshape(2, -1, 2)
     channels = 1 if image.ndim == 2 else image.shape[2]
     return [
-        image[max(r0, 0) : r1 + 1, max(c0, 0) : c1 + 1].reshape(-1, channels).astype(np.float64)
+        image[max(r0, 0) : max(r1 + 1, 0), max(c0, 0) : max(c1 + 1, 0)].reshape(-1, channels).astype(np.float64)
         for (c0, r0), (c1, r1) in zip(*pixels, strict=True)
     ]

@@ -163,8 +163,8 @@ def _grid(
     return PlaneGrid.spanning(
         columns[0] / nearest - margin,
         columns[1] / nearest + margin,
-        max(min(spread), camera_height - 4.0) - 0.06,
-        min(max(spread), camera_height + 4.0) + 0.06,
+        min(spread) - 0.06,
+        max(spread) + 0.06,
         resolution,
     )
 

@@ -24,8 +24,8 @@ GLANCE_RESOLUTION = 0.006
 """Metres per pixel of the view that tells most places from a pallet at a glance."""
 RANGE_SLACK = 1.2
 """How much farther than detections a given start may be."""
-FACE_ATTEMPTS = 3
-"""How many peaks of the sweep are tried where only the face gives the yaw."""
+MOST_ATTEMPTS = 3
+"""How many peaks of the sweep are tried where only the face gives yaw or distance."""
 RIVAL_MARGIN = 0.05
 """How much less a rival may agree with the image to be taken seriously."""
 SWEPT_CONTRAST = 1.2
@@ -62,11 +62,12 @@ def measure_on_planes(shot: ShotView, candidate: Candidate, config: LocalizerCon
     if isinstance(swept, Reason):
         return candidate.refuse(Stage.POSITION, swept)
     candidate.sweep = swept
-    attempts = _attempts(shot, candidate, source, swept.peaks, config)
+    weak = source is YawSource.FACE or candidate.height is None
+    attempts = _attempts(shot, candidate, source, swept.peaks, weak, config)
     if not attempts:
         return candidate.refuse(Stage.VERIFICATION, Reason.LOW_CONTRAST)
     best = max(attempts, key=_standing)
-    if source is YawSource.FACE:
+    if weak:
         _widen(best, attempts)
     for name in ("horizontal", "yaw", "yaw_from", "face", "pose", "covariance", "verification", "refusal"):
         setattr(candidate, name, getattr(best, name))
@@ -78,12 +79,13 @@ def _attempts(
     candidate: Candidate,
     source: YawSource,
     peaks: Sequence[LevelPose],
+    weak: bool,
     config: LocalizerConfig,
 ) -> list[Candidate]:
     """Fit the face from one peak of the sweep after the other, until one leaves no doubt.
 
-    Where only the face gives the yaw, the first good fit may have a rival at another yaw: more are tried, until
-    two starts lead to the same pose.
+    Where only the face gives the yaw, or nothing is known of the height, the first good fit may have a rival:
+    more are tried, until two starts lead to the same pose.
     """
     attempts: list[Candidate] = []
     for peak in peaks:
@@ -96,7 +98,7 @@ def _attempts(
         attempts.append(attempt)
         certain = attempt.face is not None and attempt.face.doubt < config.face_fit.max_doubt
         confirmed = any(_agree(attempt, one) for one in attempts[:-1])
-        if confirmed or (certain and (source is not YawSource.FACE or len(attempts) == FACE_ATTEMPTS)):
+        if confirmed or (certain and (not weak or len(attempts) == MOST_ATTEMPTS)):
             break
     return attempts
 

@@ -1,0 +1,26 @@
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("options", [[], ["--accuracy"]])
+def test_the_benchmarks_run_on_the_sample_and_print_json(options: list[str]) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "benchmarks", "--rounds", "1", "--json", *options],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)
+    for method in ("horizontal_plane", "paper", "joint_search"):
+        assert method in done.stdout

@@ -116,13 +116,13 @@ def _standing(attempt: Candidate) -> float:
 
 
 def _widen(best: Candidate, attempts: Sequence[Candidate]) -> None:
-    """Widen the covariance by the distance of rivals that explain the image nearly as well."""
-    if best.pose is None or best.covariance is None:
+    """Widen the covariance by what the edges leave in doubt, and by rivals that explain the image nearly as well."""
+    if best.pose is None or best.covariance is None or best.face is None:
         return
     rivals = [one.pose for one in attempts if one.pose and _standing(one) > _standing(best) - RIVAL_MARGIN]
     apart = np.array([rival.as_array() - best.pose.as_array() for rival in rivals])
     apart[:, 3] = wrap_angle(apart[:, 3])
-    best.covariance = best.covariance + apart.T @ apart / len(apart)
+    best.covariance = best.covariance * (1 + best.face.doubt**2) + apart.T @ apart / len(apart)
 
 
 def _looks_like_pallet(shot: ShotView, candidate: Candidate, pose: LevelPose) -> bool:

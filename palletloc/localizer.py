@@ -242,12 +242,21 @@ class Localizer:
 
 
 def exclude_overlaps(candidates: Iterable[Candidate]) -> None:
-    """Refuse every candidate that stands in a better one: two pallets cannot overlap."""
+    """Refuse every candidate that stands in a better one: two pallets cannot overlap.
+
+    What shows a pallet's blocks and openings but was given up for its edges or its height keeps its place, too:
+    whatever else is found there is that pallet, seen wrongly.
+    """
     kept: list[tuple[Candidate, LevelPose]] = []
     for candidate in sorted(candidates, key=lambda one: -one.rank):
-        if candidate.refusal is not None or candidate.pose is None:
+        if candidate.pose is None or not (candidate.refusal is None or _is_pallet(candidate)):
             continue
         if any(overlapping(pose, other.model, candidate.pose, candidate.model) for other, pose in kept):
-            candidate.refuse(Stage.VERIFICATION, Reason.OVERLAP)
+            if candidate.refusal is None:
+                candidate.refuse(Stage.VERIFICATION, Reason.OVERLAP)
         else:
             kept.append((candidate, candidate.pose))
+
+
+def _is_pallet(candidate: Candidate) -> bool:
+    return candidate.verification is not None and candidate.verification.reason is None

@@ -27,6 +27,8 @@ class VerificationConfig:
     """Least part of the face's edges, by length."""
     min_promise: float = 0.45
     """Least product of a detection's score and its contrast for it to be measured."""
+    max_doubt: float = 6.0
+    """Most edges that may be missing or contradict the others."""
     min_contrast: float = 2.0
     """Least difference of openings and blocks, in spreads of the blocks."""
     min_rank: float = 0.40

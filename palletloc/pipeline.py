@@ -68,7 +68,9 @@ def measure_on_planes(shot: ShotView, candidate: Candidate, config: LocalizerCon
         return candidate.refuse(Stage.VERIFICATION, Reason.LOW_CONTRAST)
     best = max(attempts, key=_standing)
     if best.face is not None:
-        _widen(best, best.face.doubt - (0.0 if weak else config.face_fit.max_doubt), attempts if weak else [best])
+        doubt = best.face.doubt
+        growth = doubt**2 if weak else max(doubt - config.face_fit.max_doubt, 0.0)
+        _widen(best, growth, attempts if weak else [best])
     for name in ("horizontal", "yaw", "yaw_from", "face", "pose", "covariance", "verification", "refusal"):
         setattr(candidate, name, getattr(best, name))
     return None
@@ -115,14 +117,14 @@ def _standing(attempt: Candidate) -> float:
     return attempt.verification.score if attempt.verification else -1.0
 
 
-def _widen(best: Candidate, doubt: float, attempts: Sequence[Candidate]) -> None:
+def _widen(best: Candidate, growth: float, attempts: Sequence[Candidate]) -> None:
     """Widen the covariance by what the edges leave in doubt, and by rivals that explain the image nearly as well."""
     if best.pose is None or best.covariance is None:
         return
     rivals = [one.pose for one in attempts if one.pose and _standing(one) > _standing(best) - RIVAL_MARGIN]
     apart = np.array([rival.as_array() - best.pose.as_array() for rival in rivals])
     apart[:, 3] = wrap_angle(apart[:, 3])
-    best.covariance = best.covariance * (1 + max(doubt, 0.0) ** 2) + apart.T @ apart / len(apart)
+    best.covariance = best.covariance * (1 + growth) + apart.T @ apart / len(apart)
 
 
 def _looks_like_pallet(shot: ShotView, candidate: Candidate, pose: LevelPose) -> bool:

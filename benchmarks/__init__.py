@@ -1,1 +1,1 @@
-"""Speed, measured as ratios within one process: ``python -m benchmarks``."""
+"""Speed as ratios within one process, accuracy and consistency: ``python -m benchmarks``."""

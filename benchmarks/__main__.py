@@ -1,4 +1,4 @@
-"""``python -m benchmarks [RECORDING ...] [--accuracy] [--json | --markdown] [--rounds N]``."""
+"""``python -m benchmarks [RECORDING ...] [--accuracy | --consistency SCENES] [--json | --markdown]``."""
 
 from __future__ import annotations
 

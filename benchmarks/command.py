@@ -13,8 +13,10 @@ import cv2
 from rich.console import Console
 
 from benchmarks.accuracy import measure_accuracy
+from benchmarks.consistency import measure_consistency
 from benchmarks.speed import measure_speed
 from benchmarks.tables import Section, as_markdown, as_table
+from palletloc.config import Method
 from palletloc.errors import PalletLocError
 
 SAMPLE = "sample"
@@ -36,11 +38,7 @@ def run(arguments: Sequence[str]) -> int:
     console = Console(stderr=True)
     try:
         with as_file(files("palletloc") / SAMPLE) as sample:
-            recordings = options.recordings or [sample]
-            if options.accuracy:
-                sections = measure_accuracy(recordings, console)
-            else:
-                sections = measure_speed(recordings[0], options.rounds, console)
+            sections = _measured(options, options.recordings or [sample], console)
     except PalletLocError as error:
         sys.stderr.write(f"benchmarks: {' '.join(str(error).split())}\n")
         return 1
@@ -48,10 +46,19 @@ def run(arguments: Sequence[str]) -> int:
     return 0
 
 
+def _measured(options: argparse.Namespace, recordings: Sequence[Path], console: Console) -> list[Section]:
+    if options.consistency:
+        seeds = range(options.seed, options.seed + options.consistency)
+        return measure_consistency(seeds, options.methods, options.shots, options.width, console)
+    if options.accuracy:
+        return measure_accuracy(recordings, console)
+    return measure_speed(recordings[0], options.rounds, console)
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks",
-        description="CPU time in one thread, as medians and as ratios within one process; or accuracy.",
+        description="CPU time in one thread, as medians and as ratios within one process; accuracy; or consistency.",
     )
     parser.add_argument(
         "recordings",
@@ -60,10 +67,18 @@ def _parser() -> argparse.ArgumentParser:
         metavar="RECORDING",
         help="folders of recordings; the sample that comes along if none. Speed takes the first.",
     )
-    parser.add_argument(
+    instead = parser.add_mutually_exclusive_group()
+    instead.add_argument(
         "--accuracy", action="store_true", help="compare the methods on recordings with truth instead"
     )
+    instead.add_argument(
+        "--consistency",
+        type=_count,
+        metavar="SCENES",
+        help="errors and covariances over so many synthetic scenes instead; needs no recording",
+    )
     parser.add_argument("--rounds", type=_count, default=5, help="how often everything is timed (5)")
+    _add_scenes(parser)
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--json", dest="form", action="store_const", const="json", help="print as JSON")
     form.add_argument(
@@ -72,9 +87,32 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _add_scenes(parser: argparse.ArgumentParser) -> None:
+    scenes = parser.add_argument_group("consistency")
+    scenes.add_argument("--seed", type=_seed, default=1000, help="of the first scene; the others follow (1000)")
+    scenes.add_argument(
+        "--method",
+        dest="methods",
+        action="append",
+        default=[],
+        type=Method,
+        choices=list(Method),
+        metavar="NAME",
+        help=f"{', '.join(Method)}; may be repeated (the usual one if none)",
+    )
+    scenes.add_argument("--shots", type=_count, default=3, help="of each scene (3)")
+    scenes.add_argument("--width", type=_count, help="of all images, in pixels, in place of what each scene draws")
+
+
 def _count(text: str) -> int:
     if not (text.isdecimal() and int(text) > 0):
         raise argparse.ArgumentTypeError(f"expected a whole number from 1 on, got '{text}'")
+    return int(text)
+
+
+def _seed(text: str) -> int:
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"expected a whole number from 0 on, got '{text}'")
     return int(text)
 
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from scipy.spatial.transform import RigidTransform
 
 from palletloc.boundary import BoundaryLine
-from palletloc.face_fit import FaceEstimate
 from palletloc.geometry import FloatArray, Image, LevelPose
 from palletloc.horizontal_view import HorizontalView
 from palletloc.joint_search import JointSearch
@@ -16,6 +15,8 @@ from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
 from palletloc.position import Sweep
 from palletloc.projection import Projector
+from palletloc.refinement.alignment import FaceEstimate
+from palletloc.refinement.search import Search
 from palletloc.verification import Verification
 from palletloc.yaw import YawEstimate
 
@@ -54,6 +55,8 @@ class Candidate:
     """The yaw from the last horizontal view."""
     sweep: Sweep | None = None
     """The plane sweep."""
+    search: Search | None = None
+    """The hypotheses that were scored."""
     joint: JointSearch | None = None
     """The joint search."""
     face: FaceEstimate | None = None

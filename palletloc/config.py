@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from palletloc.face_fit import FaceFitConfig
 from palletloc.horizontal_view import YawConfig
 from palletloc.joint_search import JointSearchConfig
 from palletloc.position import PositionConfig
+from palletloc.refinement.alignment import FaceFitConfig
+from palletloc.refinement.hypotheses import SearchConfig
 from palletloc.shelf_view import DetectionConfig
 from palletloc.verification import VerificationConfig
 
@@ -16,6 +17,8 @@ from palletloc.verification import VerificationConfig
 class Method(StrEnum):
     """How a pose is measured from where a pallet may stand."""
 
+    REFINED = "refined"
+    """Hypotheses scored in the image, then all edges of the face to a fraction of a pixel."""
     HORIZONTAL_PLANE = "horizontal_plane"
     """Yaw from the horizontal plane by sub-pixel lines, position by the sweep and the face's edges."""
     PAPER = "paper"
@@ -32,10 +35,12 @@ class PriorConfig:
     """How far loads stand from the known levels (one standard deviation), in metres."""
     level_reach: float = 0.30
     """How far from a known level a given start may be to belong to it, in metres."""
-    start_nearer: float = 0.35
+    start_nearer: float = 0.90
     """How far before a given start a pallet is looked for that is not found near it, in metres."""
-    start_farther: float = 0.85
+    start_farther: float = 0.90
     """How far behind a given start a pallet is looked for that is not found near it, in metres."""
+    start_turn_deg: float = 24.0
+    """How far the yaw of such a start may be off, in degrees."""
     free_sigma: float = 0.30
     """How far a pallet may stand from a start's height where no level is known, in metres."""
     yaw_sigma_deg: float = 5.0
@@ -56,6 +61,8 @@ class LocalizerConfig:
     """Finding pallets on the shelf plane (paper's A)."""
     yaw: YawConfig = field(default_factory=YawConfig)
     """Yaw from the horizontal plane (B)."""
+    search: SearchConfig = field(default_factory=SearchConfig)
+    """Hypotheses around a start."""
     position: PositionConfig = field(default_factory=PositionConfig)
     """Position by the plane sweep (C)."""
     face_fit: FaceFitConfig = field(default_factory=FaceFitConfig)

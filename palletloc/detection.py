@@ -1,26 +1,27 @@
 """Finding pallets on the shelf's nominal front plane (paper, section A).
 
 The view of the nominal plane is matched with the full-scale front face. The true plane lies some centimetres
-and a degree off, so the face appears scaled about the foot of the camera and sheared: a handful of distances and
-headings are tried, as finely as the view resolves them.
+and a degree off, so the face appears scaled about the foot of the camera and sheared (`palletloc.shelf_search`). What
+the openings show tells most wrong places from pallets.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from palletloc.contrast import opening_contrast, smoothed
-from palletloc.geometry import BoolArray, FloatArray, Image, LevelPose, wrap_angle
+from palletloc.contrast import opening_contrasts, smoothed
+from palletloc.geometry import FloatArray, Image, LevelPose, wrap_angle
 from palletloc.matching import EdgeEnergy, edge_energy
 from palletloc.pallet import PalletModel
 from palletloc.projection import Projector
 from palletloc.shelf import ShelfPlane
-from palletloc.shelf_view import DetectionConfig, ShelfView, depth_reach, depth_slack, view_shelf, yaw_reach
-from palletloc.template import FacePlacement, face_template, match_template
+from palletloc.shelf_search import Sites, first_steps, refine, search, spaced
+from palletloc.shelf_view import DetectionConfig, ShelfView, view_shelf
+from palletloc.template import face_template
 
 CLEAR_CONTRAST = 4.0
 """Contrast from which on more says nothing more."""
@@ -84,121 +85,52 @@ def detect(
     ShelfPlaneError
         If the camera is not before the plane.
     """
+    views = view_shelf(projector, image, shelf, forklift_from_camera, models, config)
     detections: list[Detection] = []
-    views: list[ShelfView] = []
-    for level in shelf.levels or (None,):
-        seen = view_shelf(projector, image, shelf, forklift_from_camera, models, level, config)
-        views.append(seen)
+    for seen in views:
         window = (round(0.4 / seen.view.grid.resolution) | 1, round(0.2 / seen.view.grid.resolution) | 1)
         energy = edge_energy(seen.view.image, window)
         smooth = smoothed(seen.view.image, seen.view.grid)
         for model in models:
-            looked_at = [_looked_at(one, seen, smooth) for one in _match(seen, energy, model, level, config)]
-            detections += sorted(looked_at, key=lambda one: -one.promise)[: config.max_candidates]
+            detections += _detected(seen, energy, smooth, model, config)
     return sorted(detections, key=lambda one: -one.promise), views
 
 
-def _match(
-    seen: ShelfView, energy: EdgeEnergy, model: PalletModel, level: float | None, config: DetectionConfig
+def _detected(
+    seen: ShelfView, energy: EdgeEnergy, smooth: Image, model: PalletModel, config: DetectionConfig
 ) -> list[Detection]:
-    resolution = seen.view.grid.resolution
-    template = face_template(model, energy, resolution)
-    places = np.arange(seen.columns[0], seen.columns[1], 2 * resolution)
-    camera = np.array([0.0, seen.camera_height, seen.distance])
-    found: list[Detection] = []
-    for batch in _batches(seen, model, level, config):
-        score = match_template(template, seen.view.grid, camera, batch, places)
-        score[~_plausible(batch, places, seen, config)] = -np.inf
-        for place, chosen, value in _best(score, (batch.scale[:, 0] - 1) * seen.distance, places, config):
-            pose = _pose(seen, place, batch.scale[chosen, 0], batch.yaw[chosen, 0], batch.height[0, 0])
-            found.append(Detection(model, pose, level, value, 0.0))
-    return _spaced(found, config.max_candidates if level is not None else config.max_places, config)
+    """Find a model in one view: everywhere first, then in finer steps where it may stand."""
+    template = face_template(model, energy, seen.view.grid.resolution)
+    steps = first_steps(seen, model, config)
+    sites = search(seen, template, steps, config)
+    if steps.free:
+        sites = sites.chosen(spaced(sites, sites.score, config.max_places, model.height, config))
+    else:
+        sites = sites.chosen(np.argsort(-sites.score, kind="stable")[: config.max_looks])
+    for part in (1.0, 0.3) if steps.free else (1.0,):  # the first pass leaves more open where the height is free
+        sites = refine(seen, template, steps, sites, part, config)
+    sites = sites.chosen(np.flatnonzero(sites.score >= config.min_score))
+    contrast = _contrast(seen, smooth, model, sites)
+    promise = sites.score * np.minimum(contrast, CLEAR_CONTRAST)
+    kept = spaced(sites, promise, config.max_candidates, model.height, config)
+    sites, contrast = sites.chosen(kept), contrast[kept]
+    found = zip(_poses(seen, sites), sites.score.tolist(), contrast.tolist(), strict=True)
+    return [Detection(model, pose, seen.level, score, clear) for pose, score, clear in found]
 
 
-def _plausible(batch: FacePlacement, places: FloatArray, seen: ShelfView, config: DetectionConfig) -> BoolArray:
-    """Tell which depths agree with the heading: drift turns the whole shelf about the camera."""
-    depth = (batch.scale - 1) * seen.distance
-    slack = depth_slack(seen.anchor, config) + np.abs(places) * np.tan(np.radians(config.pallet_yaw_deg))
-    return np.asarray(np.abs(depth - places * np.tan(batch.yaw)) <= slack)
-
-
-def _batches(
-    seen: ShelfView, model: PalletModel, level: float | None, config: DetectionConfig
-) -> Iterator[FacePlacement]:
-    """Yield the positions to try, spaced so that no edge moves farther than the view tolerates."""
-    tolerance = 2.4 * seen.view.grid.resolution
-    heights = np.array([level]) if level is not None else np.arange(*config.heights, tolerance)
-    half = model.width / 2
-    turn = yaw_reach(seen.drift, config)
-    farthest = max(-seen.columns[0], seen.columns[1])
-    depth = min(depth_reach(farthest, seen.anchor, turn, config), 0.4 * seen.distance)
-    for height in heights:
-        below = height - seen.camera_height
-        extent = max(half, abs(below), abs(below + model.height))
-        scales = _spread(depth / seen.distance, tolerance / extent) + 1
-        yaws = _spread(turn, tolerance * seen.distance / (half * extent))
-        scale, yaw = (grid.reshape(-1, 1) for grid in np.meshgrid(scales, yaws))
-        yield FacePlacement(scale, yaw, np.full((1, 1), height))
-
-
-def _spread(reach: float, step: float) -> FloatArray:
-    count = int(np.ceil(reach / step))
-    return np.linspace(-reach, reach, 2 * count + 1) if count else np.zeros(1)
-
-
-def _best(
-    score: FloatArray, depth: FloatArray, places: FloatArray, config: DetectionConfig
-) -> Iterator[tuple[float, int, float]]:
-    """Yield place, hypothesis and score of the local maxima along the shelf in each slab of depth."""
-    slabs = np.floor(depth / config.min_depth_spacing)
-    for slab in np.unique(slabs):
-        rows = np.flatnonzero(slabs == slab)
-        winner = score[rows].argmax(axis=0)
-        best = score[rows[winner], np.arange(len(places))]
-        padded = np.concatenate([[-np.inf], best, [-np.inf]])
-        peak = (best >= padded[:-2]) & (best >= padded[2:]) & (best >= config.min_score)
-        for i in np.flatnonzero(peak):
-            yield float(places[i]), int(rows[winner[i]]), float(best[i])
-
-
-def _spaced(found: list[Detection], most: int, config: DetectionConfig) -> list[Detection]:
-    """Return the best detections of a model that stand apart: along the shelf, in depth or in height."""
-    kept: list[Detection] = []
-    for one in sorted(found, key=lambda detection: -detection.score):
-        if len(kept) == most:
-            break
-        if not any(_close(one, other, config) for other in kept):
-            kept.append(one)
-    return kept
-
-
-def _close(one: Detection, other: Detection, config: DetectionConfig) -> bool:
-    here, there = one.forklift_from_pallet, other.forklift_from_pallet
-    dx, dy = there.x - here.x, there.y - here.y
-    cos, sin = np.cos(here.yaw), np.sin(here.yaw)
-    return bool(
-        abs(cos * dy - sin * dx) < config.min_spacing
-        and abs(cos * dx + sin * dy) < config.min_depth_spacing
-        and abs(there.z - here.z) < 0.6 * one.model.height
-    )
-
-
-def _looked_at(one: Detection, seen: ShelfView, smooth: Image) -> Detection:
-    """Return a detection with the contrast of its openings, as the view of the nominal plane shows them."""
-    pose = one.forklift_from_pallet
-    place, height, towards = seen.forklift_from_plane.inv().apply([pose.x, pose.y, pose.z])
-    turn = wrap_angle(pose.yaw - seen.yaw)
+def _contrast(seen: ShelfView, smooth: Image, model: PalletModel, sites: Sites) -> FloatArray:
+    """Return the contrast of openings and blocks, as the view of the nominal plane shows them."""
 
     def placing(points: FloatArray) -> FloatArray:
-        scale = 1 + (points[:, 0] * np.tan(turn) - towards) / seen.distance
-        up = seen.camera_height + (height + points[:, 1] - seen.camera_height) / scale
-        return np.stack([(place + points[:, 0]) / scale, up], axis=1)
+        scale = 1 + (points[:, 0] * np.tan(sites.yaw[:, None]) + sites.depth[:, None]) / seen.distance
+        up = seen.camera_height + (sites.height[:, None] + points[:, 1] - seen.camera_height) / scale
+        return np.stack([(sites.place[:, None] + points[:, 0]) / scale, up], axis=-1)
 
-    return replace(one, contrast=opening_contrast(smooth, seen.view.grid, one.model, placing))
+    return opening_contrasts(smooth, seen.view.grid, model, placing)
 
 
-def _pose(seen: ShelfView, place: float, scale: float, yaw: float, height: float) -> LevelPose:
-    depth = (scale - 1) * seen.distance
-    plane = np.array([place, height, -depth])
-    x, y, z = seen.forklift_from_plane.apply(plane)
-    return LevelPose(float(x), float(y), float(z), wrap_angle(seen.yaw + yaw))
+def _poses(seen: ShelfView, sites: Sites) -> list[LevelPose]:
+    plane = seen.forklift_from_plane.as_matrix()
+    points = np.stack([sites.place, sites.height, -sites.depth], axis=1) @ plane[:3, :3].T + plane[:3, 3]
+    yaws = wrap_angle(seen.yaw + sites.yaw).tolist()
+    return [LevelPose(x, y, z, yaw) for (x, y, z), yaw in zip(points.tolist(), yaws, strict=True)]

@@ -23,8 +23,14 @@ NOISE_FLOOR_PX = 0.05
 """Least scatter of peaks that is believed, in pixels of the camera's image."""
 MAX_SCATTER = 0.45
 """Largest robust scatter of a line's peaks, in parts of the reach: even noise has 0.74."""
+REWEIGHTINGS = 4
+"""Rounds of weighting the peaks of a line."""
+LEAST_CORRELATION = 0.1
+"""Correlation of residuals below which they count as independent."""
 MIN_INDEPENDENT = 3.0
-"""Fewest independent peaks that make a line."""
+"""Fewest independent peaks that make a line; one fewer where its slope is known."""
+FREE_SLOPE = 1e3
+"""Standard deviation of a slope of which nothing is known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +152,7 @@ def fit_edges(
     peaks: EdgePeaks,
     pixel_across: FloatArray,
     pixel_along: FloatArray,
-    reach: float,
+    reach: FloatArray | float,
     slope_sigma: FloatArray | None = None,
 ) -> list[EdgeFit | None]:
     """Fit a robust line (Tukey's biweight) through the peaks of each edge.
@@ -160,7 +166,7 @@ def fit_edges(
         From `edge_peaks`.
     pixel_across, pixel_along : (edges,) arrays
         Size of a pixel of the camera's image across and along each edge, in metres.
-    reach : float
+    reach : (edges,) array or float
         How far peaks were looked for, in metres: where they fill it evenly there is noise and no line.
     slope_sigma : (edges,) array or None
         How far each slope may be from zero (one standard deviation); keeps short edges from tilting.
@@ -170,7 +176,7 @@ def fit_edges(
     list of EdgeFit or None
         None for an edge of which fewer than three independent peaks agree, or whose peaks are noise.
     """
-    limit = np.full(len(pixel_across), 1e3) if slope_sigma is None else np.minimum(slope_sigma, 1e3)
+    limit = np.full(len(pixel_across), FREE_SLOPE) if slope_sigma is None else np.minimum(slope_sigma, FREE_SLOPE)
     seen = peaks.strength > 0
     offset, slope, residual, scale = _robust_lines(peaks, seen, NOISE_FLOOR_PX * pixel_across, limit)
     inlier = seen & (np.abs(residual) < 3 * scale[:, None])
@@ -182,6 +188,7 @@ def fit_edges(
     variance = (inlier * residual**2).sum(axis=1) / np.maximum(count - 2, 1) + (0.02 * pixel_across) ** 2
     slope_variance = 1.0 / (independent * spread / variance + limit**-2)
     sigma_offset = np.sqrt(variance / np.maximum(independent, 1e-9) + slope_variance * center**2)
+    fewest = np.where(limit < FREE_SLOPE, MIN_INDEPENDENT - 1, MIN_INDEPENDENT)
     strength = (peaks.strength * inlier).sum(axis=1) / count
     coverage = inlier.sum(axis=1) / np.maximum((peaks.strength >= 0).sum(axis=1), 1)
     return [
@@ -193,7 +200,7 @@ def fit_edges(
             np.sqrt(slope_variance),
             coverage,
             strength,
-            (independent >= MIN_INDEPENDENT) & (inlier.sum(axis=1) >= 4) & (scale < MAX_SCATTER * reach),
+            (independent >= fewest) & (inlier.sum(axis=1) >= 4) & (scale < MAX_SCATTER * reach),
             strict=True,
         )
     ]
@@ -208,45 +215,39 @@ def _robust_lines(
     apart = along[:, half : 2 * half] - along[:, :half]
     paired = seen[:, half : 2 * half] & seen[:, :half] & (apart > 0)
     pairs = (value[:, half : 2 * half] - value[:, :half]) / np.where(paired, apart, 1.0)
-    slope = _median(pairs, paired)
-    slope = np.clip(slope, -2 * limit, 2 * limit)
+    slope = np.clip(_median(pairs, paired), -2 * limit, 2 * limit)
     offset = _median(value - slope[:, None] * along, seen)
-    for _ in range(5):
-        residual = value - offset[:, None] - slope[:, None] * along
-        scale = np.maximum(1.4826 * _median(np.abs(residual), seen), floor)
-        weight = seen * np.clip(1 - (residual / (TUKEY * scale[:, None])) ** 2, 0, None) ** 2
-        total = np.maximum(weight.sum(axis=1), 1e-9)
-        mean_along = (weight * along).sum(axis=1) / total
-        mean_value = (weight * value).sum(axis=1) / total
-        across = along - mean_along[:, None]
-        # the limit acts as an observation of a zero slope
-        squares = (weight * across**2).sum(axis=1) + (scale / limit) ** 2 + 1e-12
-        update = (weight * across * value).sum(axis=1) / squares
-        done = np.abs(update - slope).max() < 2e-5
-        slope, offset = update, mean_value - update * mean_along
-        if done:
-            break
     residual = value - offset[:, None] - slope[:, None] * along
+    for _ in range(REWEIGHTINGS):
+        scale = np.maximum(1.4826 * _median(np.abs(residual), seen), floor)
+        remaining = np.maximum(1 - (residual / (TUKEY * scale[:, None])) ** 2, 0)
+        weight = seen * remaining * remaining
+        total = np.maximum(np.einsum("ij->i", weight), 1e-9)
+        mean_along = np.einsum("ij,ij->i", weight, along) / total
+        mean_value = np.einsum("ij,ij->i", weight, value) / total
+        across = weight * (along - mean_along[:, None])
+        # the limit acts as an observation of a zero slope
+        squares = np.einsum("ij,ij->i", across, along) + (scale / limit) ** 2 + 1e-12
+        update = np.einsum("ij,ij->i", across, value) / squares
+        slope, offset = update, mean_value - update * mean_along
+        residual = value - offset[:, None] - slope[:, None] * along
     return offset, slope, residual, np.maximum(1.4826 * _median(np.abs(residual), seen), floor)
 
 
 def _median(values: FloatArray, valid: BoolArray) -> FloatArray:
     """Return the median of the valid values of each row, 0 where there is none."""
-    count = valid.sum(axis=1)
-    ordered = np.sort(np.where(valid, values, np.inf), axis=1)
+    count = np.count_nonzero(valid, axis=1)
+    ordered = np.where(valid, values, np.inf)
+    ordered.sort(axis=1)
     middle = ordered[np.arange(len(values)), np.maximum(count - 1, 0) // 2]
     return np.where(count > 0, middle, 0.0)
 
 
 def _correlation_length(residual: FloatArray, step: FloatArray) -> FloatArray:
     """Return the length over which the residuals of each edge are alike, in metres."""
-    power = (residual**2).sum(axis=1) + 1e-18
-    total = np.ones(len(residual))
-    alive = np.ones(len(residual), dtype=bool)
-    for lag in range(1, residual.shape[1] // 3):
-        correlation = (residual[:, lag:] * residual[:, :-lag]).sum(axis=1) / power
-        alive &= correlation > 0.1
-        if not alive.any():
-            break
-        total += np.where(alive, 2 * correlation, 0.0)
-    return np.asarray(total * step)
+    lags = residual.shape[1] // 3
+    spectrum = np.fft.rfft(residual, 2 * residual.shape[1], axis=1)
+    power = np.fft.irfft(spectrum * spectrum.conj(), axis=1)[:, :lags]
+    correlation = power / (power[:, :1] + 1e-18)
+    alike = np.logical_and.accumulate(correlation[:, 1:] > LEAST_CORRELATION, axis=1)
+    return np.asarray((1 + 2 * np.einsum("ij,ij->i", correlation[:, 1:], alike)) * step)

@@ -6,11 +6,10 @@ rounding where the camera cannot see the adjoining surface, and towards the far 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import lru_cache
-
-import numpy as np
 
 from palletloc.geometry import FloatArray
 from palletloc.pallet import Opening, PalletModel
@@ -189,16 +188,16 @@ def edge_shift(edge: FaceEdge, plane_from_camera: FloatArray, model: PalletModel
     across = (plane_from_camera[0] - middle[0]) * outward[0] + (plane_from_camera[1] - middle[1]) * outward[1]
     tangent = float(across / plane_from_camera[2])
     if tangent < 0:
-        angle = np.arctan(-tangent)
-        contour = radius * (1 - np.cos(angle)) + radius * (1 - np.sin(angle)) * np.tan(angle)
+        angle = math.atan(-tangent)
+        contour = radius * (1 - math.cos(angle)) + radius * (1 - math.sin(angle)) * math.tan(angle)
         if edge.kind is EdgeKind.BOTTOM:
-            mean, sigma = -contour / 2, contour / np.sqrt(12.0)
+            mean, sigma = -contour / 2, contour / math.sqrt(12.0)
         else:
             mean, sigma = -contour, contour / 4
     else:
         # nothing is sharp about an edge of which both surfaces are seen
         blunt = LIT_EDGE if edge.kind is EdgeKind.OPENING_BOTTOM else BLUNT_EDGE
-        mean, sigma = 0.75 * radius * tangent, np.hypot(blunt, radius * (0.1 + 0.15 * tangent))
+        mean, sigma = 0.75 * radius * tangent, math.hypot(blunt, radius * (0.1 + 0.15 * tangent))
         if edge.kind is EdgeKind.TOP:  # a load may begin anywhere near it
             sigma += 2 * radius
     return EdgeShift(float(mean), float(sigma), tangent >= 0)

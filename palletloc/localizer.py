@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
@@ -16,8 +17,9 @@ from palletloc.geometry import Image, LevelPose
 from palletloc.measurement import HeightPrior, PalletMeasurement, Reason, Refusal, Stage
 from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
-from palletloc.pipeline import measure_on_planes
+from palletloc.pipeline import RANGE_SLACK, measure_on_planes
 from palletloc.projection import Projector
+from palletloc.refined import measure_refined
 from palletloc.shelf import ShelfPlane
 from palletloc.shelf_view import ShelfView
 from palletloc.verification import overlapping
@@ -26,6 +28,7 @@ Measure = Callable[[ShotView, Candidate, LocalizerConfig], None]
 """Measures a candidate in a shot: leaves a pose or a refusal in it."""
 
 METHODS: dict[Method, Measure] = {
+    Method.REFINED: measure_refined,
     Method.HORIZONTAL_PLANE: measure_on_planes,
     Method.PAPER: measure_as_in_paper,
     Method.JOINT_SEARCH: measure_jointly,
@@ -115,7 +118,7 @@ class Localizer:
         camera: CameraModel,
         mounting: Mounting,
         models: Iterable[PalletModel],
-        method: Method = Method.HORIZONTAL_PLANE,
+        method: Method = Method.REFINED,
         config: LocalizerConfig | None = None,
     ) -> None:
         self.projector = Projector(camera)
@@ -199,15 +202,24 @@ class Localizer:
         return Explanation(time, file, (), (), tuple(candidates))
 
     def _looked_for_widely(self, shot: ShotView, candidate: Candidate) -> Candidate:
-        """Return a candidate that was not found near its start, measured with a wide reach if that helps."""
-        if candidate.refusal is None or candidate.refusal[0] is Stage.START:
+        """Return a candidate that was not found near its start beyond doubt, measured widely if that helps."""
+        if candidate.refusal is not None and candidate.refusal[0] is Stage.START:
+            return candidate
+        certain = candidate.face is None or candidate.face.doubt < self.config.face_fit.max_doubt
+        if candidate.refusal is None and certain:
             return candidate
         prior, config = self.config.prior, self.config
         position = replace(config.position, nearer=prior.start_nearer, farther=prior.start_farther)
-        wide = replace(config, position=position, yaw=replace(config.yaw, search=prior.start_nearer))
+        search = replace(
+            config.search, nearer=prior.start_nearer, farther=prior.start_farther, turn_deg=prior.start_turn_deg
+        )
+        yaw = replace(config.yaw, search=min(prior.start_nearer, prior.start_farther))
+        wide = replace(config, position=position, search=search, yaw=yaw)
         again = Candidate(candidate.model, candidate.start, candidate.height, candidate.score)
         METHODS[self.method](shot, again, wide)
-        return candidate if again.refusal else again
+        if again.refusal is not None:
+            return candidate
+        return again if candidate.refusal is not None or _clearer(again, candidate) else candidate
 
     def _shot(self, image: Image) -> ShotView:
         return ShotView(image, self.projector, self.mounting, self.mounting.forklift_from_camera.inv())
@@ -224,11 +236,22 @@ class Localizer:
         # an unknown model is refused before its face matters: any face will do
         stand_in = replace(next(iter(self.models.values())), name=start.model)
         candidate = Candidate(model or stand_in, pose, height)
-        if model is None:
-            candidate.refuse(Stage.START, Reason.UNKNOWN_MODEL)
-        elif not np.isfinite(pose.as_array()).all():
-            candidate.refuse(Stage.START, Reason.NOT_FINITE)
+        reason = Reason.UNKNOWN_MODEL if model is None else self._unusable(pose, model)
+        if reason is not None:
+            candidate.refuse(Stage.START, reason)
         return candidate
+
+    def _unusable(self, pose: LevelPose, model: PalletModel) -> Reason | None:
+        """Tell why nothing can be measured at a given pose, whatever the method."""
+        if not np.isfinite(pose.as_array()).all():
+            return Reason.NOT_FINITE
+        place, center = (pose.x, pose.y, pose.z), self.mounting.center
+        if math.dist(place, center) > RANGE_SLACK * self.config.detection.max_range:
+            return Reason.OUT_OF_RANGE
+        right, up = np.meshgrid(np.linspace(-0.5, 0.5, 9) * model.width, [0.0, model.height])
+        face = pose.transform().apply(np.stack([np.zeros(right.size), right.ravel(), up.ravel()], axis=1))
+        seen = self.projector.camera.project(self.mounting.forklift_from_camera.inv().apply(face))
+        return None if seen.valid.any() else Reason.OUT_OF_VIEW
 
     def _measure(self, shot: ShotView, candidate: Candidate, promise: float, before: Sequence[Candidate]) -> None:
         """Measure a detection unless a pallet that is beyond doubt stands there."""
@@ -239,6 +262,11 @@ class Localizer:
         if promise < self.config.verification.min_promise:
             return candidate.refuse(Stage.DETECTION, Reason.LOW_CONTRAST)
         return METHODS[self.method](shot, candidate, self.config)
+
+
+def _clearer(one: Candidate, other: Candidate) -> bool:
+    """Tell whether the edges of one candidate leave less doubt than another's."""
+    return one.face is not None and (other.face is None or one.face.doubt < other.face.doubt)
 
 
 def exclude_overlaps(candidates: Iterable[Candidate]) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
@@ -13,15 +12,20 @@ from palletloc.geometry import Image
 
 Energy = NDArray[np.float32]
 """(rows, columns) float32 image."""
+FULL = 255
+"""Energy of a full edge: a byte holds it finely enough, and bytes are averaged and looked up fastest."""
+NOISE = 1.0
+"""Part of the local mean that is always there, in gray levels per pixel: below about twice that there is noise, not
+edges, however dark the neighbourhood."""
 
 
 @dataclass(frozen=True, slots=True)
 class EdgeEnergy:
-    """How much edge there is at each pixel of a plane view, 0 to 1, by direction."""
+    """How much edge there is at each pixel of a plane view, 0 to `FULL`, by direction."""
 
-    level: Energy
+    level: Image
     """(rows, columns) energy of edges that run along the rows."""
-    upright: Energy
+    upright: Image
     """(rows, columns) energy of edges that run along the columns."""
 
 
@@ -38,10 +42,22 @@ def component_gradients(image: Image) -> tuple[Energy, Energy]:
     along_rows, along_columns : (rows, columns) float32 arrays
         Gray levels per pixel: the change from column to column, and from row to row.
     """
-    smooth = cv2.GaussianBlur(image, (3, 3), 0.8)
-    across = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=1, scale=0.5)
-    down = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=1, scale=0.5)
-    return _strongest(np.asarray(across)), _strongest(np.asarray(down))
+    across, down = _differences(image)
+    return np.multiply(across, np.float32(0.5)), np.multiply(down, np.float32(0.5))
+
+
+def _differences(image: Image) -> tuple[Image, Image]:
+    """Return the absolute differences of the neighbours in the row and in the column, the larger of the channels.
+
+    They are twice the gradients, and 0 on the border.
+    """
+    across, down = np.zeros(image.shape[:2], np.uint8), np.zeros(image.shape[:2], np.uint8)
+    for channel in [image] if image.ndim == 2 else cv2.split(image):
+        smooth = cv2.GaussianBlur(channel, (3, 3), 0.8)
+        beside, above = across[:, 1:-1], down[1:-1]
+        np.maximum(beside, cv2.absdiff(smooth[:, 2:], smooth[:, :-2]), out=beside)
+        np.maximum(above, cv2.absdiff(smooth[2:], smooth[:-2]), out=above)
+    return across, down
 
 
 def gradient_across(image: Image, horizontal: bool, across_px: float, along_px: float) -> Energy:
@@ -73,14 +89,6 @@ def gradient_across(image: Image, horizontal: bool, across_px: float, along_px: 
     return np.asarray(cv2.sqrt(cv2.transform(gradient * gradient, np.ones((1, 3), np.float32))), dtype=np.float32)
 
 
-def _strongest(gradient: NDArray[Any]) -> Energy:
-    magnitude = np.abs(gradient.astype(np.float32, copy=False))
-    if magnitude.ndim == 2:
-        return magnitude
-    blue, green, red = cv2.split(magnitude)
-    return np.asarray(cv2.max(cv2.max(blue, green), red), dtype=np.float32)
-
-
 def edge_energy(image: Image, window: tuple[int, int], saturation: float = 2.5, dilation: int = 1) -> EdgeEnergy:
     """Return edge energy that does not depend on light and contrast.
 
@@ -101,17 +109,19 @@ def edge_energy(image: Image, window: tuple[int, int], saturation: float = 2.5, 
     Returns
     -------
     EdgeEnergy
-        Both directions, 0 to 1.
+        Both directions, 0 to `FULL`.
     """
-    along_rows, along_columns = component_gradients(image)
-    magnitude = cv2.magnitude(along_rows, along_columns)
-    # Below about two gray levels there is noise, not edges, however dark the neighbourhood.
-    local = cv2.boxFilter(magnitude, cv2.CV_32F, window, borderType=cv2.BORDER_REPLICATE) + 1.0
-    scale = 1.0 / (np.maximum(magnitude, 1e-6) * local * saturation)
-    width = 2 * dilation + 1
-    level = np.minimum(along_columns * along_columns * scale, 1.0)
-    upright = np.minimum(along_rows * along_rows * scale, 1.0)
+    along_rows, along_columns = (twice.astype(np.float32) for twice in _differences(image))
+    # in place: the pages of new arrays cost more than the arithmetic
+    full = np.asarray(cv2.magnitude(along_rows, along_columns), dtype=np.float32)
+    local = np.asarray(cv2.boxFilter(full, cv2.CV_32F, window, borderType=cv2.BORDER_REPLICATE), dtype=np.float32)
+    local += np.float32(2 * NOISE)
+    full *= local
+    np.maximum(full, np.float32(1e-6), out=full)
+    width, scale = 2 * dilation + 1, FULL / saturation
+    level = cv2.divide(cv2.multiply(along_columns, along_columns, dst=along_columns), full, None, scale, cv2.CV_8U)
+    upright = cv2.divide(cv2.multiply(along_rows, along_rows, dst=along_rows), full, None, scale, cv2.CV_8U)
     if dilation:
         level = cv2.dilate(level, np.ones((width, 1), np.uint8))
         upright = cv2.dilate(upright, np.ones((1, width), np.uint8))
-    return EdgeEnergy(level, upright)
+    return EdgeEnergy(np.asarray(level, dtype=np.uint8), np.asarray(upright, dtype=np.uint8))

@@ -44,6 +44,8 @@ class Stage(StrEnum):
     """Yaw from the horizontal plane (B)."""
     POSITION = "position"
     """Position by the plane sweep (C)."""
+    SEARCH = "search"
+    """Scoring hypotheses around the start."""
     VERIFICATION = "verification"
     """The checks of the final pose."""
 
@@ -71,6 +73,8 @@ class Reason(StrEnum):
     """Openings and blocks do not differ as those of a pallet do."""
     OVERLAP = "overlap"
     """A better pallet stands in the same place."""
+    UNCERTAIN = "uncertain"
+    """A pallet, but its pose is too uncertain to be of use."""
     OFF_LEVEL = "off_level"
     """The pose is not at any height where loads stand."""
 

@@ -27,6 +27,15 @@ class Mounting:
         return np.asarray(self.forklift_from_camera.translation)
 
     @property
+    def camera_from_forklift(self) -> FloatArray:
+        """The inverse of the camera's pose as a (4, 4) matrix."""
+        forward = self.forklift_from_camera.as_matrix()
+        inverse = np.eye(4)
+        inverse[:3, :3] = forward[:3, :3].T
+        inverse[:3, 3] = -forward[:3, :3].T @ forward[:3, 3]
+        return inverse
+
+    @property
     def sigma(self) -> FloatArray:
         """(6,) standard deviations: three translations, three rotations."""
         return np.array([*self.translation_sigma, *self.rotation_sigma])

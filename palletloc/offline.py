@@ -92,7 +92,7 @@ class Job:
 
 def read_job(
     folder: Path,
-    method: Method = Method.HORIZONTAL_PLANE,
+    method: Method = Method.REFINED,
     config: LocalizerConfig | None = None,
     initial: Path | None = None,
 ) -> Job:

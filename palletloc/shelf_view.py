@@ -10,9 +10,10 @@ from scipy.spatial.transform import RigidTransform
 
 from palletloc.errors import PalletLocError
 from palletloc.geometry import FloatArray, Image, LevelPose, wrap_angle
+from palletloc.loose_table import loose_table
 from palletloc.pallet import PalletModel
-from palletloc.plane import PALLET_FROM_VERTICAL, PlaneGrid, PlaneView
-from palletloc.projection import Projector
+from palletloc.plane import PALLET_FROM_VERTICAL, PlaneGrid, PlaneView, place_plane
+from palletloc.projection import Interpolation, Projector
 from palletloc.shelf import ShelfPlane
 
 MIN_DISTANCE = 0.3
@@ -53,8 +54,10 @@ class DetectionConfig:
     """Least distance in depth between two candidates in one place, in metres."""
     max_candidates: int = 16
     """Most candidates of one model on one level, or on the whole plane."""
+    max_looks: int = 48
+    """Most places on a known level that are looked at closely, with turned faces and for openings."""
     max_places: int = 200
-    """Most places on the whole plane that are looked at for openings, where no levels are known."""
+    """Most places on the whole plane that are looked at closely, where no levels are known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +78,8 @@ class ShelfView:
     """``right`` coordinate of the shelf's given point, in metres."""
     drift: float
     """How far the heading may have drifted, in radians."""
+    level: float | None
+    """The known height that is looked at, in metres; None for the whole plane."""
     view: PlaneView
     """The image."""
 
@@ -85,16 +90,15 @@ def view_shelf(
     shelf: ShelfPlane,
     forklift_from_camera: RigidTransform,
     models: Sequence[PalletModel],
-    level: float | None,
     config: DetectionConfig,
-) -> ShelfView:
-    """Project the shot on the nominal plane: a band around a level, or all of it.
+) -> list[ShelfView]:
+    """Project the shot on the nominal plane: a band around each known level, or all of it.
 
-    Parameters are those of `detect`; ``level`` is a height in metres or None.
+    Parameters are those of `detect`.
 
     Returns
     -------
-    ShelfView
+    list of ShelfView
         Wide and high enough for every position that is searched.
 
     Raises
@@ -115,13 +119,23 @@ def view_shelf(
             f"{np.degrees(shelf.facing):.1f} deg in the forklift frame; expected at least {MIN_DISTANCE} m before it"
         )
     foot = camera[:2] + distance * into
-    forklift_from_plane = LevelPose(foot[0], foot[1], 0.0, yaw).transform() * PALLET_FROM_VERTICAL
+    beside = LevelPose(foot[0], foot[1], 0.0, yaw)
+    matrix = beside.matrix() @ PALLET_FROM_VERTICAL.as_matrix()
+    forklift_from_plane = RigidTransform(matrix, normalize=False, copy=False)
+    camera_from_plane = place_plane(forklift_from_camera.inv(), beside, PALLET_FROM_VERTICAL)
     columns = _searched(distance, into, rightward, forklift_from_camera, config)
     anchor = float(from_camera @ rightward)
-    reach = depth_reach(max(-columns[0], columns[1]), anchor, yaw_reach(shelf.drift, config), config)
-    grid = _grid(columns, max(1 - reach / distance, 0.6), float(camera[2]), models, level, config)
-    view = projector.view(image, forklift_from_camera.inv() * forklift_from_plane, grid)
-    return ShelfView(forklift_from_plane, yaw, float(camera[2]), distance, columns, anchor, shelf.drift, view)
+    reach = depth_reach(np.array(columns), anchor, yaw_reach(shelf.drift, config), config)
+    nearest = np.maximum(1 - reach / distance, 0.6)
+    views: list[ShelfView] = []
+    for level in shelf.levels or (None,):
+        grid = _grid(columns, nearest, float(camera[2]), models, level, config)
+        table = loose_table(projector, camera_from_plane, grid)
+        view = PlaneView(table.apply(image, Interpolation.LINEAR), table.valid, grid, camera_from_plane)
+        views.append(
+            ShelfView(forklift_from_plane, yaw, float(camera[2]), distance, columns, anchor, shelf.drift, level, view)
+        )
+    return views
 
 
 def _searched(
@@ -149,20 +163,22 @@ def _searched(
 
 def _grid(
     columns: tuple[float, float],
-    nearest: float,
+    nearest: FloatArray,
     camera_height: float,
     models: Sequence[PalletModel],
     level: float | None,
     config: DetectionConfig,
 ) -> PlaneGrid:
-    margin = max(model.width for model in models) / 2 / nearest + 0.1
+    """Return the part of the plane that shows the faces; ``nearest`` holds the least scale at each end."""
+    half = max(model.width for model in models) / 2
     low, high = (level, level) if level is not None else config.heights
     high += max(model.height for model in models)
-    spread = [camera_height + (up - camera_height) / scale for up in (low, high) for scale in (nearest, 2 - nearest)]
+    scales = (float(nearest.min()), 2 - float(nearest.min()))
+    spread = [camera_height + (up - camera_height) / scale for up in (low, high) for scale in scales]
     resolution = config.coarse_resolution if level is None else config.resolution
     return PlaneGrid.spanning(
-        columns[0] / nearest - margin,
-        columns[1] / nearest + margin,
+        float((columns[0] - half) / nearest[0]) - 0.1,
+        float((columns[1] + half) / nearest[1]) + 0.1,
         min(spread) - 0.06,
         max(spread) + 0.06,
         resolution,
@@ -174,9 +190,9 @@ def yaw_reach(drift: float, config: DetectionConfig) -> float:
     return drift + float(np.radians(config.plane_yaw_deg + config.pallet_yaw_deg))
 
 
-def depth_reach(right: float, anchor: float, yaw: float, config: DetectionConfig) -> float:
+def depth_reach(right: FloatArray | float, anchor: float, yaw: float, config: DetectionConfig) -> FloatArray:
     """Return how far behind or before the nominal plane a face may stand at a place along the shelf, in metres."""
-    return abs(right) * float(np.tan(yaw)) + depth_slack(anchor, config)
+    return np.asarray(np.abs(right) * np.tan(yaw) + depth_slack(anchor, config), dtype=np.float64)
 
 
 def depth_slack(anchor: float, config: DetectionConfig) -> float:

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 
 from palletloc.face import edge_shift, face_edges
-from palletloc.geometry import FloatArray
-from palletloc.matching import EdgeEnergy, Energy
+from palletloc.geometry import FloatArray, Image
+from palletloc.matching import FULL, EdgeEnergy, Energy
 from palletloc.pallet import PalletModel
 from palletloc.plane import PlaneGrid
 
@@ -29,8 +29,8 @@ class TemplatePiece(NamedTuple):
     """Its middle in the face's coordinates, in metres."""
     up: float
     """Its middle, in metres."""
-    field: Energy
-    """(rows, columns) edge energy averaged over a stretch of its size."""
+    field: Image
+    """(rows, columns) edge energy averaged over a stretch of its size, 0 to `palletloc.matching.FULL`."""
     weight: float
     """Its part in the score; the positive ones add up to 1."""
 
@@ -97,33 +97,57 @@ class _Averages:
     def __init__(self, energy: EdgeEnergy, resolution: float) -> None:
         self._energy = energy
         self._resolution = resolution
-        self._fields: dict[tuple[str, int, int], Energy] = {}
+        self._fields: dict[tuple[str, int, int], Image] = {}
 
-    def along_level(self, length: float) -> Energy:
+    def along_level(self, length: float) -> Image:
         return self._averaged("level", length, 0.0)
 
-    def along_upright(self, length: float) -> Energy:
+    def along_upright(self, length: float) -> Image:
         return self._averaged("upright", 0.0, length)
 
-    def over_block(self, width: float, height: float) -> Energy:
+    def over_block(self, width: float, height: float) -> Image:
         return self._averaged("either", width, height)
 
-    def _averaged(self, kind: str, width: float, height: float) -> Energy:
+    def _averaged(self, kind: str, width: float, height: float) -> Image:
         columns, rows = (max(1, round(size / self._resolution)) for size in (width, height))
         if (kind, columns, rows) not in self._fields:
-            source = self._source(kind)
-            self._fields[kind, columns, rows] = np.asarray(
-                cv2.boxFilter(source, cv2.CV_32F, (columns, rows), borderType=cv2.BORDER_REPLICATE),
-                dtype=np.float32,
-            )
+            field = cv2.blur(self._source(kind), (columns, rows), borderType=cv2.BORDER_REPLICATE)
+            self._fields[kind, columns, rows] = np.asarray(field, dtype=np.uint8)
         return self._fields[kind, columns, rows]
 
-    def _source(self, kind: str) -> Energy:
+    def _source(self, kind: str) -> Image:
         if kind == "level":
             return self._energy.level
         if kind == "upright":
             return self._energy.upright
-        return np.asarray(cv2.max(self._energy.level, self._energy.upright), dtype=np.float32)
+        return np.asarray(cv2.max(self._energy.level, self._energy.upright), dtype=np.uint8)
+
+
+class WeightedSums:
+    """The score of a face at many places, summed up piece by piece; pieces of one weight are added as bytes.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Of the places.
+    """
+
+    def __init__(self, shape: tuple[int, int]) -> None:
+        self._shape = shape
+        self._sums: dict[float, Energy] = {}
+
+    def add(self, energy: Image, weight: float) -> None:
+        """Add a piece's energy, 0 to `palletloc.matching.FULL`, at all places."""
+        if weight not in self._sums:
+            self._sums[weight] = np.zeros(self._shape, np.float32)
+        cv2.accumulate(energy, self._sums[weight])
+
+    def total(self) -> Energy:
+        """Return the scores."""
+        total = np.zeros(self._shape, np.float32)
+        for weight, energy in self._sums.items():
+            cv2.scaleAdd(energy, weight / FULL, total, dst=total)
+        return total
 
 
 class FacePlacement(NamedTuple):
@@ -174,20 +198,26 @@ def match_template(
         Agreement, 1 where every edge is seen and nothing inside the blocks.
     """
     right, up, distance = plane_from_camera
-    shape = (len(placement.scale), len(places))
-    shear = placement.yaw / distance
-    origin = (grid.left - right) / grid.resolution
-    first = ((places + drift - right) / grid.resolution).astype(np.float32)
-    total = np.zeros(shape, dtype=np.float32)
-    for piece in template:
-        inverse = 1.0 / (placement.scale + piece.right * shear)
-        at = up + (placement.height + piece.up - up) * inverse
-        row = np.clip(np.rint((grid.top - at) / grid.resolution), 0, grid.rows - 1)
-        # half a pixel rounds where the conversion to integers truncates
-        shift = piece.right / grid.resolution * inverse - origin + 0.5
-        column = first * inverse.astype(np.float32) + shift.astype(np.float32)
+    shape = (len(places), len(placement.scale))
+    whole = FacePlacement(*(np.broadcast_to(values, (shape[1], 1))[:, 0] for values in placement))
+    offset, above = (np.array([[piece[axis]] for piece in template]) for axis in (0, 1))
+    inverse = 1.0 / (whole.scale + offset * (whole.yaw / distance))
+    at = up + (whole.height + above - up) * inverse
+    row = np.clip(np.rint((grid.top - at) / grid.resolution), 0, grid.rows - 1).astype(np.intp) * grid.columns
+    # half a pixel rounds where the conversion to integers truncates
+    shift = offset / grid.resolution * inverse + ((right - grid.left) / grid.resolution + 0.5)
+    ratio, shift = inverse.astype(np.float32), shift.astype(np.float32)
+    # placements, of which there are more, lie along the rows
+    first, column = np.empty(shape, np.float32), np.empty(shape, np.float32)
+    first[:] = np.atleast_2d((places + drift - right) / grid.resolution).T
+    index, energy = np.empty(shape, np.intp), np.empty(shape, np.uint8)
+    sums = WeightedSums(shape)
+    for i, piece in enumerate(template):
+        np.multiply(first, ratio[i], out=column)
+        np.add(column, shift[i], out=column)
         np.clip(column, 0, grid.columns - 1, out=column)
-        index = column.astype(np.int32)
-        index += (row * grid.columns).astype(np.int32)
-        total += np.float32(piece.weight) * piece.field.ravel().take(index)
-    return total.astype(np.float64)
+        np.copyto(index, column, casting="unsafe")
+        np.add(index, row[i], out=index)
+        piece.field.ravel().take(index, out=energy, mode="clip")
+        sums.add(energy, piece.weight)
+    return sums.total().T.astype(np.float64)

@@ -1,40 +1,46 @@
-"""Is it a pallet? Checks of the final pose that edges alone cannot make.
+"""Is it a pallet, and is its pose of use? Checks that the fit of the edges cannot make.
 
-A beam with cartons, or a pallet shifted by one opening, has edges where the template wants them. What tells them
-from a pallet is what lies between the edges: blocks that are alike, and openings that are not like the blocks.
+A beam with cartons, or a pallet shifted by one opening, has edges where the drawing wants them. What tells them
+from a pallet are several weak signs, each of them evidence: openings that differ from the blocks beside them, edges
+all along their length, agreement with the drawing, and no edge that contradicts the others.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from palletloc.contrast import face_contrast
-from palletloc.face_fit import FaceEstimate
-from palletloc.geometry import LevelPose
-from palletloc.matching import edge_energy
+from palletloc.geometry import FloatArray, LevelPose
 from palletloc.measurement import Reason
 from palletloc.pallet import PalletModel
-from palletloc.template import FacePlacement, face_template, match_template
+
+CONTRAST, SCORE, COVERAGE, DOUBT = 1.5, 5.0, 3.0, -0.8
+"""Evidence per factor e of contrast and of doubt, and per unit of score and coverage, in nats.
+
+About the logarithm of how much more often pallets show such a value than other places do, over synthetic scenes of
+all kinds of light, pallets, cameras and noise.
+"""
+USUAL_CONTRAST, USUAL_SCORE, USUAL_COVERAGE, USUAL_DOUBT = 2.0, 0.5, 0.6, 3.0
+"""What pallets and other places show equally often."""
+CLEAR_CONTRAST = 10.0
+"""Contrast from which on more says nothing more."""
 
 
 @dataclass(frozen=True, slots=True)
 class VerificationConfig:
-    """What a pallet must show."""
+    """What a pallet must show, and how well its pose must be known."""
 
-    min_coverage: float = 0.45
-    """Least part of the face's edges, by length."""
     min_promise: float = 0.45
     """Least product of a detection's score and its contrast for it to be measured."""
-    max_doubt: float = 6.0
-    """Most edges that may be missing or contradict the others."""
-    min_contrast: float = 2.0
-    """Least difference of openings and blocks, in spreads of the blocks."""
-    min_rank: float = 0.40
-    """Least standing of contrast, coverage and agreement with the template together."""
-    certain: float = 0.6
-    """Rank from which on no other candidate is tried in a pallet's place."""
+    min_rank: float = 0.5
+    """Least probability that it is a pallet."""
+    certain: float = 0.9
+    """Probability from which on no other candidate is tried in a pallet's place."""
+    max_sigma: float = 0.08
+    """Largest standard deviation of a position on the floor that is of use, in metres."""
+    max_yaw_sigma_deg: float = 1.0
+    """Largest standard deviation of a yaw that is of use, in degrees."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,55 +48,76 @@ class Verification:
     """What the face shows at the final pose."""
 
     contrast: float
-    """Difference of the less clear opening from the blocks, in spreads of the blocks."""
+    """Difference of the less clear opening from the blocks beside it, in spreads of the blocks."""
     coverage: float
     """Part of the face's edges that is seen, 0 to 1."""
     score: float
-    """Agreement of face and template, 0 to 1."""
+    """Agreement of face and drawing, 0 to 1."""
+    doubt: float
+    """How many edges are missing or contradict the others."""
     reason: Reason | None
     """Why it is not a pallet; None where it is one."""
 
     @property
     def rank(self) -> float:
-        """One number to choose between candidates in one place, 0 to 1."""
-        return float(np.clip(0.5 * (self.score + self.coverage) * min(1.0, self.contrast / 4.0), 0.0, 1.0))
+        """Probability that it is a pallet, where places with and without one are equally frequent."""
+        return float(1 / (1 + np.exp(-sum(_evidence(self.contrast, self.coverage, self.score, self.doubt)))))
 
 
-def verify(estimate: FaceEstimate, model: PalletModel, config: VerificationConfig) -> Verification:
-    """Check the face at its final pose.
+def verify(contrast: float, coverage: float, score: float, doubt: float, config: VerificationConfig) -> Verification:
+    """Check what the face shows at its final pose.
 
     Parameters
     ----------
-    estimate : FaceEstimate
-        With the view of the face.
-    model : PalletModel
-        The pallet.
+    contrast : float
+        Of the less clear opening, as `opening_contrasts` has it.
+    coverage : float
+        Part of the edges that is seen, 0 to 1.
+    score : float
+        Agreement of face and drawing, at most 1.
+    doubt : float
+        How many edges are missing or contradict the others.
     config : VerificationConfig
         Thresholds.
 
     Returns
     -------
     Verification
-        With a reason where it fails.
+        With a reason where it fails: the sign that speaks most against it.
     """
-    contrast = face_contrast(estimate.seen.view, model)
-    found = Verification(contrast, estimate.coverage, _score(estimate, model), None)
-    if found.coverage < config.min_coverage:
-        return replace(found, reason=Reason.FEW_EDGES)
-    if found.contrast < config.min_contrast or found.rank < config.min_rank:
-        return replace(found, reason=Reason.LOW_CONTRAST)
-    return found
+    found = Verification(contrast, coverage, float(np.clip(score, 0.0, 1.0)), doubt, None)
+    if found.rank >= config.min_rank:
+        return found
+    between, edges = _evidence(contrast, coverage, found.score, doubt)
+    reason = Reason.LOW_CONTRAST if between < edges else Reason.FEW_EDGES
+    return Verification(contrast, coverage, found.score, doubt, reason)
 
 
-def _score(estimate: FaceEstimate, model: PalletModel) -> float:
-    """Match the face's template at the final pose, on every second pixel: edges are wider than one."""
-    full, camera = estimate.seen.view.grid, estimate.seen.plane_from_camera
-    image = np.ascontiguousarray(estimate.seen.view.image[::2, ::2])
-    grid = replace(full, resolution=2 * full.resolution, columns=image.shape[1], rows=image.shape[0])
-    window = (round(0.4 / grid.resolution) | 1, round(0.2 / grid.resolution) | 1)
-    template = face_template(model, edge_energy(image, window), grid.resolution, camera)
-    here = FacePlacement(np.ones((1, 1)), np.zeros((1, 1)), np.zeros((1, 1)))
-    return float(np.clip(match_template(template, grid, camera, here, np.zeros(1))[0, 0], 0.0, 1.0))
+def _evidence(contrast: float, coverage: float, score: float, doubt: float) -> tuple[float, float]:
+    """Return the evidence for a pallet from what lies between the edges and from the edges, in nats."""
+    between = CONTRAST * float(np.log(np.clip(contrast, 0.2, CLEAR_CONTRAST) / USUAL_CONTRAST))
+    edges = SCORE * (score - USUAL_SCORE) + COVERAGE * (coverage - USUAL_COVERAGE)
+    return between, edges + DOUBT * float(np.log((max(doubt, 0.0) + 0.5) / USUAL_DOUBT))
+
+
+def of_use(covariance: FloatArray, config: VerificationConfig) -> bool:
+    """Tell whether a pose is known well enough to be of use.
+
+    Parameters
+    ----------
+    covariance : (4, 4) array
+        Of (x, y, z, yaw), in metres and radians.
+    config : VerificationConfig
+        Thresholds.
+
+    Returns
+    -------
+    bool
+        False where a standard deviation on the floor or of the yaw is too large.
+    """
+    place = float(np.sqrt(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
+    turn = float(np.sqrt(covariance[3, 3]))
+    return bool(place <= config.max_sigma and turn <= np.radians(config.max_yaw_sigma_deg))
 
 
 def overlapping(pose: LevelPose, model: PalletModel, other: LevelPose, other_model: PalletModel) -> bool:

@@ -123,7 +123,10 @@ def measure_line(
     """
     half = model.width / 2
     slope = float(np.tan(line.turn))
-    gradient, across, along = _gradient(projector, seen, line.up)
+    measured = _gradient(projector, seen, line.up)
+    if measured is None:
+        return None
+    gradient, across, along = measured
     start, end = np.array([[-half, line.up - half * slope]]), np.array([[half, line.up + half * slope]])
     reach = max(2 * across, 3 * config.resolution)
     peaks = edge_peaks(gradient, seen.view.grid, start, end, UPWARD, np.array([reach]))
@@ -158,10 +161,11 @@ def measure_yaw(
     YawEstimate or Reason
         `Reason.NO_LINE` where no edge is seen well enough.
     """
-    gradient, _, _ = _gradient(projector, seen, 0.0)
+    measured = _gradient(projector, seen, 0.0)
     voters = _voters(projector, model, seen)
-    if not voters:
+    if measured is None or not voters:
         return Reason.NO_LINE
+    gradient, _, _ = measured
     lever = abs(float(seen.plane_from_camera[1] / seen.plane_from_camera[2]))
     ends = np.array([stretch for voter in voters for stretch in voter.stretches])
     reach = max(config.reach * lever, 2 * config.resolution)
@@ -183,14 +187,19 @@ def measure_yaw(
     return _poll(votes, start, config)
 
 
-def _gradient(projector: Projector, seen: HorizontalView, up: float) -> tuple[Energy, float, float]:
-    """Return the gradient across level lines, and the size of the camera's pixels across and along them."""
+def _gradient(projector: Projector, seen: HorizontalView, up: float) -> tuple[Energy, float, float] | None:
+    """Return the gradient across level lines, and the size of the camera's pixels across and along them.
+
+    None where the camera does not see the lines' middle.
+    """
     across, along = pixel_sizes(
         projector.camera,
         seen.view.camera_from_plane,
         np.full((2, 2), [0.0, up]),
         np.array([[0.0, 1.0], [1.0, 0.0]]),
     )
+    if not np.isfinite([across, along]).all():
+        return None
     sigma = SMOOTHING_PIXELS * np.array([across, along]) / seen.view.grid.resolution
     return (
         gradient_across(seen.view.image, True, float(sigma[0]), float(sigma[1])),

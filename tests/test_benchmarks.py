@@ -7,12 +7,14 @@ from pathlib import Path
 
 import pytest
 
+EVERY = [word for name in ("horizontal_plane", "paper", "joint_search") for word in ("--method", name)]
+SCENES = ["--consistency", "2", "--shots", "1", "--width", "640", *EVERY]
 ROOT = Path(__file__).resolve().parents[1]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("options", [[], ["--accuracy"]])
-def test_the_benchmarks_run_on_the_sample_and_print_json(options: list[str]) -> None:
+@pytest.mark.parametrize("options", [[], ["--accuracy"], SCENES], ids=["speed", "accuracy", "consistency"])
+def test_the_benchmarks_run_and_print_json(options: list[str]) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "benchmarks", "--rounds", "1", "--json", *options],
         cwd=ROOT,

@@ -29,7 +29,7 @@ def localize(
         Path | None,
         typer.Option(metavar="CSV", help="Start from these poses instead of detecting pallets."),
     ] = None,
-    method: Annotated[Method, typer.Option(help="How poses are measured.")] = Method.HORIZONTAL_PLANE,
+    method: Annotated[Method, typer.Option(help="How poses are measured.")] = Method.REFINED,
     config: Annotated[
         Path | None,
         typer.Option(metavar="YAML", help="Parameters of your own; see palletloc config."),

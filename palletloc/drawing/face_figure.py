@@ -20,12 +20,13 @@ from palletloc.drawing.canvas import (
     show_view,
 )
 from palletloc.drawing.outline import face_outline, stretches_of
-from palletloc.face_system import USED_WEIGHT
-from palletloc.face_view import MeasuredEdge, view_face
+from palletloc.face_view import view_face
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.measurement import Reason
 from palletloc.pallet import PalletModel
 from palletloc.plane import PlaneView
+from palletloc.refinement.edges import MeasuredEdge
+from palletloc.refinement.system import USED_WEIGHT
 
 _RESOLUTION = 0.002  # metres per pixel
 _HALO = withStroke(linewidth=3.0, foreground="#101214")
@@ -72,7 +73,7 @@ def face_figure(name: str, candidate: Candidate, shot: ShotView) -> Figure:
 
 def _view(shot: ShotView, pose: LevelPose, model: PalletModel) -> PlaneView | None:
     seen = view_face(shot.projector, shot.image, shot.camera_from_forklift, pose, model, _RESOLUTION)
-    return None if isinstance(seen, Reason) else seen.view
+    return None if isinstance(seen, Reason) else seen
 
 
 def _draw_panel(axes: Axes, view: PlaneView | None, candidate: Candidate, where: str, color: str) -> str:

@@ -49,6 +49,7 @@ _RANGES: tuple[tuple[str, float, float], ...] = (
     ("depths", 2, 200),
     ("heights", -10, 20),
     ("max_range", 0.5, 20),
+    ("max_looks", 1, 10000),
     ("max_places", 1, 10000),
     ("*", 0, 100),
 )

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from palletloc.candidate import Candidate
-from palletloc.face_fit import FaceEstimate
 from palletloc.geometry import LevelPose
 from palletloc.joint_search import JointSearch
 from palletloc.localizer import Explanation
 from palletloc.position import Sweep
+from palletloc.refinement.alignment import FaceEstimate
 from palletloc.yaw import YawEstimate
 
 _AXES = ("x_m", "y_m", "z_m", "yaw_rad")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -20,6 +21,7 @@ from palletloc.synthetic.surroundings import draw_clutter, draw_hall
 
 _MOULDED_RADIUS = 0.006
 _LEAST_GAP = 0.1
+_DRAWS = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,11 +187,22 @@ def misshapen(model: PalletModel, misfit: float, rng: np.random.Generator) -> Pa
     misfit : float
         Standard deviation of the errors, as a multiple of the model's tolerance.
     rng : numpy.random.Generator
-        Draws the errors.
+        Draws the errors; again where they leave no pallet.
+
+    Raises
+    ------
+    ValueError
+        If even many draws leave none: the misfit is larger than the pallet's parts.
     """
     if misfit <= 0:
         return model
+    for _ in range(_DRAWS):
+        with suppress(ValueError):
+            return _misshapen_once(model, misfit, rng)
+    raise ValueError(f"a misfit of {misfit:g} leaves nothing of the pallet model '{model.name}'")
 
+
+def _misshapen_once(model: PalletModel, misfit: float, rng: np.random.Generator) -> PalletModel:
     def off() -> float:
         return misfit * model.tolerance * float(np.clip(rng.standard_normal(), -2.5, 2.5))
 

@@ -103,10 +103,10 @@ def disturbed(
     translation_sigma : float
         Standard deviation along each axis, in metres.
     rotation_sigma : float
-        Standard deviation of roll, pitch and yaw, in radians.
+        Standard deviation about each of the forklift's axes, in radians.
     rng : numpy.random.Generator
         Draws the errors.
     """
-    angles = forklift_from_camera.rotation.as_euler("ZYX") + rotation_sigma * rng.standard_normal(3)
+    turn = Rotation.from_rotvec(rotation_sigma * rng.standard_normal(3))
     translation = forklift_from_camera.translation + translation_sigma * rng.standard_normal(3)
-    return RigidTransform.from_components(translation, Rotation.from_euler("ZYX", angles))
+    return RigidTransform.from_components(translation, turn * forklift_from_camera.rotation)

@@ -46,12 +46,14 @@ class SimulationSpec:
     """Largest error of the nominal shelf plane's heading, in radians."""
     tell_levels: bool = True
     """Whether the recording says the heights that loads stand on."""
+    level_sigma: float = 0.0
+    """Errors of the heights that it says (standard deviation), in metres; all loads of a level share one."""
     mounting: RigidTransform | None = None
     """True ``forklift_from_camera``; None to draw one."""
     mounting_translation_sigma: float = 0.0
     """Errors of the recorded mounting along each axis (standard deviation), in metres."""
     mounting_rotation_sigma: float = 0.0
-    """Errors of its roll, pitch and yaw (standard deviation), in radians."""
+    """Errors of its rotation about each of the forklift's axes (standard deviation), in radians."""
 
 
 @dataclass(frozen=True)
@@ -107,9 +109,12 @@ class Simulation:
 
     def image(self, index: int) -> Image:
         """Return one shot; in whatever order they are asked for, they are the same."""
+        return self.exposed(index, self.picture(index))
+
+    def exposed(self, index: int, picture: Picture) -> Image:
+        """Return one shot, from its `picture`."""
         rng = np.random.default_rng([self.seed, index])
-        closed = self.camera.period_px is not None
-        return expose(self.picture(index).radiance, self.spec.sensor, closed, rng)
+        return expose(picture.radiance, self.spec.sensor, self.camera.period_px is not None, rng)
 
     def images(self) -> Iterator[Image]:
         """Return the shots one by one."""
@@ -178,12 +183,13 @@ def _draw_approach(rng: np.random.Generator) -> Approach:
 def _nominal_shelf(spec: SimulationSpec, aisle: Aisle, approach: Approach, rng: np.random.Generator) -> ShelfPlane:
     """Return the plane of the fronts as the recording says it: in odom, and off."""
     offset, turn = rng.uniform(-1, 1, 2) * (spec.plane_offset, spec.plane_turn)
+    levels = np.sort(spec.aisle.levels) + spec.level_sigma * rng.standard_normal(len(spec.aisle.levels))
     middle = aisle.frame.world(float(offset), approach.start.x + approach.length, 0.0)
     x, y, yaw = approach.poses(np.zeros(1))[0].tolist()
     in_world = ShelfPlane(
         middle.x,
         middle.y,
         wrap_angle(middle.yaw + np.pi + float(turn)),
-        tuple(sorted(spec.aisle.levels)) if spec.tell_levels else (),
+        tuple(levels.tolist()) if spec.tell_levels else (),
     )
     return in_world.seen_from(LevelPose(x, y, 0.0, yaw))

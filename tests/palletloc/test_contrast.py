@@ -2,11 +2,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
-from palletloc.contrast import face_contrast, opening_contrast, smoothed
+from palletloc.contrast import face_contrast, opening_contrast, opening_contrasts, smoothed
 from palletloc.geometry import FloatArray
 from palletloc.pallet import PalletModel
 from palletloc.plane import PlaneGrid, PlaneView
@@ -108,3 +109,15 @@ def test_smoothing_takes_noise_away_and_keeps_the_shape(epal: PalletModel, draw_
     before = np.abs(noisy(view, 10.0).image.astype(int) - view.image)[60:, 20:80].mean()
     after = np.abs(smooth.astype(int) - view.image)[60:, 20:80].mean()
     assert after < 0.7 * before
+
+
+def test_many_places_at_once_are_each_looked_at_alone(epal: PalletModel, draw_face: Draw) -> None:
+    view = noisy(draw_face(epal, GRID, STRAIGHT))
+    shifts = np.array([[0.0, 0.0], [0.05, 0.0], [0.26, 0.01], [0.0, 0.03], [9.0, 0.0]])
+    together = opening_contrasts(view.image, GRID, epal, lambda points: points + shifts[:, None])
+    for i, contrast in enumerate(together):
+        assert contrast == pytest.approx(
+            opening_contrast(view.image, GRID, epal, partial(np.add, shifts[i])), rel=1e-5
+        )
+    assert together[-1] == 0.0
+    assert len(opening_contrasts(view.image, GRID, epal, lambda points: points[None][:0])) == 0

@@ -31,7 +31,10 @@ def looking(whole_view: CameraModel, t11: PalletModel, forklift_from_camera: Rig
     image = np.full((whole_view.height, whole_view.width), 100, np.uint8)
 
     def view(shelf: ShelfPlane = SHELF, level: float | None = 0.0, config: DetectionConfig = CONFIG) -> ShelfView:
-        return view_shelf(projector, image, shelf, forklift_from_camera, [t11], level, config)
+        levels = () if level is None else (level,)
+        shelf = replace(shelf, levels=levels)
+        (seen,) = view_shelf(projector, image, shelf, forklift_from_camera, [t11], config)
+        return seen
 
     return view
 
@@ -90,6 +93,26 @@ def test_a_shelf_on_the_other_side_is_searched_alike(looking: Looking) -> None:
     assert there.distance == pytest.approx(here.distance)
     # ahead is to the right of a shelf on the left, and to the left of one on the right
     assert there.columns[0] == pytest.approx(-here.columns[1], abs=0.1)
+
+
+def test_each_level_has_a_view_of_its_own_on_the_same_plane(
+    whole_view: CameraModel, t11: PalletModel, forklift_from_camera: RigidTransform
+) -> None:
+    image = np.full((whole_view.height, whole_view.width), 100, np.uint8)
+    views = view_shelf(Projector(whole_view), image, SHELF, forklift_from_camera, [t11], CONFIG)
+    assert tuple(seen.level for seen in views) == SHELF.levels
+    for seen in views:
+        np.testing.assert_array_equal(seen.forklift_from_plane.as_matrix(), views[0].forklift_from_plane.as_matrix())
+        assert seen.view.grid.rows < 200
+
+
+def test_a_side_of_which_less_is_searched_takes_less_of_the_view(looking: Looking, t11: PalletModel) -> None:
+    seen = looking(config=replace(CONFIG, max_bearing_deg=95.0))
+    grid = seen.view.grid
+    left = seen.columns[0] - grid.left - t11.width / 2
+    right = grid.left + (grid.columns - 1) * grid.resolution - seen.columns[1] - t11.width / 2
+    assert -seen.columns[0] < seen.columns[1]
+    assert 0.1 < left < 0.5 * right
 
 
 def test_drift_widens_the_band(looking: Looking) -> None:

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from palletloc.geometry import FloatArray
-from palletloc.matching import EdgeEnergy, edge_energy
+from palletloc.matching import FULL, EdgeEnergy, edge_energy
 from palletloc.pallet import PalletModel
 from palletloc.pallet_library import load_library
 from palletloc.plane import PlaneGrid, PlaneView
-from palletloc.template import FacePlacement, TemplatePiece, face_template, match_template
+from palletloc.template import FacePlacement, TemplatePiece, WeightedSums, face_template, match_template
 
 RESOLUTION = 0.008
 GRID = PlaneGrid.spanning(-1.1, 1.1, -0.35, 0.6, RESOLUTION)
@@ -36,7 +36,7 @@ def template_of(view: PlaneView, model: PalletModel) -> list[TemplatePiece]:
 @pytest.mark.parametrize("model", LIBRARY.values(), ids=LIBRARY)
 @pytest.mark.parametrize("camera", [None, CAMERA])
 def test_edges_weigh_one_in_all_and_blocks_count_against(model: PalletModel, camera: FloatArray | None) -> None:
-    blank = np.zeros((GRID.rows, GRID.columns), np.float32)
+    blank = np.zeros((GRID.rows, GRID.columns), np.uint8)
     pieces = face_template(model, EdgeEnergy(blank, blank), RESOLUTION, camera)
     weights = np.array([piece.weight for piece in pieces])
     assert weights[weights > 0].sum() == pytest.approx(1.0)
@@ -49,7 +49,7 @@ def test_edges_weigh_one_in_all_and_blocks_count_against(model: PalletModel, cam
 
 @pytest.mark.parametrize("fill", ["edges", "everything", "nothing"])
 def test_the_score_is_one_where_all_edges_are_seen_and_nothing_else(fill: str, epal: PalletModel) -> None:
-    full = np.ones((GRID.rows, GRID.columns), np.float32)
+    full = np.full((GRID.rows, GRID.columns), FULL, np.uint8)
     pieces = face_template(epal, EdgeEnergy(full, full), RESOLUTION)
     if fill == "edges":
         pieces = [piece for piece in pieces if piece.weight > 0]
@@ -128,9 +128,32 @@ def test_beyond_the_view_there_is_no_error(epal: PalletModel, draw_face: Draw) -
 
 
 def test_where_rounded_edges_are_seen_is_taken_into_account(t11: PalletModel) -> None:
-    blank = np.zeros((GRID.rows, GRID.columns), np.float32)
+    blank = np.zeros((GRID.rows, GRID.columns), np.uint8)
     energy = EdgeEnergy(blank, blank)
     drawn, seen = (face_template(t11, energy, RESOLUTION, camera) for camera in (None, CAMERA))
     moved = [(b.right - a.right, b.up - a.up) for a, b in zip(drawn, seen, strict=True) if a.weight > 0]
     assert max(np.hypot(*shift) for shift in moved) > 0.1 * t11.edge_radius
     assert max(np.hypot(*shift) for shift in moved) < 2 * t11.edge_radius
+
+
+def test_places_may_outnumber_placements_and_each_is_scored_alike(epal: PalletModel, draw_face: Draw) -> None:
+    template = template_of(draw_face(epal, GRID, CAMERA), epal)
+    scales = np.linspace(0.95, 1.05, 3)
+    few = FacePlacement(scales[:, None], np.zeros((1, 1)), np.zeros((1, 1)))
+    score = match_template(template, GRID, CAMERA, few, PLACES)
+    assert score.shape == (3, len(PLACES))
+    for column_of, place in enumerate(PLACES):
+        single = match_template(template, GRID, CAMERA, few, np.array([place]))
+        np.testing.assert_allclose(single[:, 0], score[:, column_of], atol=1e-6)
+
+
+def test_weighted_sums_add_up_what_is_given_in_any_order() -> None:
+    rng = np.random.default_rng(0)
+    fields = rng.integers(0, FULL + 1, (6, 4, 5), dtype=np.uint8)
+    weights = [0.1, -0.2, 0.1, 0.3, -0.2, 0.5]
+    for order in (range(6), (5, 3, 1, 0, 2, 4)):
+        sums = WeightedSums((4, 5))
+        for i in order:
+            sums.add(fields[i], weights[i])
+        expected = sum(weight * field.astype(float) / FULL for weight, field in zip(weights, fields, strict=True))
+        np.testing.assert_allclose(sums.total(), expected, atol=1e-6)

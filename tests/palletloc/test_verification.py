@@ -3,6 +3,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -10,13 +11,17 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform
 
 from palletloc.candidate import ShotView
-from palletloc.face_fit import FaceEstimate, FaceFitConfig, YawPrior, fit_face
-from palletloc.geometry import LevelPose, level_pose
+from palletloc.geometry import FloatArray, LevelPose, level_pose
 from palletloc.measurement import HeightPrior, Reason
 from palletloc.pallet import Opening, PalletModel
-from palletloc.verification import Verification, VerificationConfig, overlapping, verify
+from palletloc.refinement.alignment import FaceEstimate, FaceFitConfig, YawPrior, fit_face
+from palletloc.refinement.appearance import opening_contrasts
+from palletloc.refinement.hypotheses import score_pose
+from palletloc.refinement.patch import FacePatch, view_patch
+from palletloc.verification import Verification, VerificationConfig, of_use, overlapping, verify
 
 POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
+FLOOR = HeightPrior(0.0, 0.003)
 CONFIG = VerificationConfig()
 WIDE = PalletModel("wide", 1.2, 0.144, 0.8, (Opening(0.0, 0.02, 0.4, 0.1),))
 NARROW = PalletModel("narrow", 0.8, 0.144, 1.2, (Opening(0.0, 0.02, 0.4, 0.1),))
@@ -28,12 +33,12 @@ places = st.builds(LevelPose, metres, metres, st.floats(0.0, 5.0), angles)
 
 def fitted(shot: ShotView, model: PalletModel) -> FaceEstimate:
     found = fit_face(
-        shot.projector,
+        shot.projector.camera,
         shot.image,
         shot.mounting,
         POSE,
         model,
-        HeightPrior(0.0, 0.003),
+        FLOOR,
         YawPrior(0.002, 0.0),
         0.1,
         FaceFitConfig(),
@@ -47,50 +52,120 @@ def beside(pose: LevelPose, into: float, left: float, up: float = 0.0, turn: flo
     return level_pose(pose.transform() * LevelPose(into, left, up, turn).transform())
 
 
+def surroundings(shot: ShotView) -> FacePatch:
+    seen = view_patch(shot.projector, shot.image, shot.camera_from_forklift, POSE, (-0.7, 0.7, -0.1, 0.25), 0.005)
+    assert isinstance(seen, FacePatch)
+    return seen
+
+
+def verified(shot: ShotView, model: PalletModel) -> Verification:
+    """What a shot shows of a pallet at its pose."""
+    estimate, patch = fitted(shot, model), surroundings(shot)
+    contrast = float(opening_contrasts(patch, model, POSE).min())
+    score = score_pose(patch, model, estimate.forklift_from_pallet)
+    return verify(contrast, estimate.coverage, score, estimate.doubt, CONFIG)
+
+
+def boarded_up(shot: ShotView, model: PalletModel) -> ShotView:
+    """The shot with a board over each opening and a little more, in the colour of the middle block."""
+
+    def pixels(points: list[tuple[float, float]]) -> FloatArray:
+        in_pallet = [[0.0, -right, up] for right, up in points]
+        in_camera = shot.camera_from_forklift.apply(POSE.transform().apply(in_pallet))
+        return shot.projector.camera.project(in_camera).pixels
+
+    image, high = shot.image.copy(), model.height / 2
+    column, row = np.rint(pixels([(0.0, high)])[0]).astype(int)
+    for one in model.openings:
+        left, right, low, top = one.left - 0.015, one.right + 0.015, one.bottom - 0.015, one.top + 0.015
+        corners = [(left, low), (right, low), (right, top), (left, top)]
+        cv2.fillPoly(image, [np.rint(pixels(corners)).astype(np.int32)], image[row, column].tolist())
+    return replace(shot, image=image)
+
+
 @pytest.mark.parametrize("name", ["epal", "t11", "open_below"])
 def test_a_pallet_passes_in_its_place(name: str, portrait: Portrait, request: pytest.FixtureRequest) -> None:
     model: PalletModel = request.getfixturevalue(name)
-    found = verify(fitted(portrait(model, POSE), model), model, CONFIG)
+    found = verified(portrait(model, POSE), model)
     assert found.reason is None
     assert 0.0 <= found.score <= 1.0
-    assert 0.0 <= found.coverage <= 1.0
     assert CONFIG.min_rank <= found.rank <= 1.0
 
 
+@pytest.mark.parametrize("name", ["epal", "t11", "open_below"])
+def test_a_face_without_openings_is_no_pallet(name: str, portrait: Portrait, request: pytest.FixtureRequest) -> None:
+    model: PalletModel = request.getfixturevalue(name)
+    shot = portrait(model, POSE)
+    board = boarded_up(shot, model)
+    contrast = float(opening_contrasts(surroundings(board), model, POSE).min())
+    assert contrast < 1.5
+    score = score_pose(surroundings(board), model, POSE)
+    assert score < score_pose(surroundings(shot), model, POSE)
+    camera, prior = shot.projector.camera, YawPrior(0.002, 0.0)
+    seen = fit_face(camera, board.image, shot.mounting, POSE, model, FLOOR, prior, 0.1, FaceFitConfig())
+    if isinstance(seen, FaceEstimate):
+        assert verify(contrast, seen.coverage, score, seen.doubt, CONFIG).reason is not None
+
+
+signs = st.tuples(st.floats(0.0, 40.0), st.floats(0.0, 1.0), st.floats(-0.5, 1.5), st.floats(0.0, 12.0))
+
+
+@given(signs, st.floats(0.05, 0.95))
+def test_what_is_less_likely_a_pallet_than_is_asked_for_is_refused(
+    sign: tuple[float, float, float, float], least: float
+) -> None:
+    found = verify(*sign, replace(CONFIG, min_rank=least))
+    assert 0.0 <= found.rank <= 1.0
+    assert (found.reason is None) is (found.rank >= least)
+    contrast, coverage, score, doubt = sign
+    assert (found.contrast, found.coverage, found.doubt) == (contrast, coverage, doubt)
+    assert found.score == min(max(score, 0.0), 1.0)
+
+
+@given(signs, st.floats(0.01, 1.0))
+def test_more_of_a_good_sign_never_makes_a_pallet_less_likely(
+    sign: tuple[float, float, float, float], more: float
+) -> None:
+    contrast, coverage, score, doubt = sign
+    plain = verify(*sign, CONFIG).rank
+    for better in (
+        (contrast + more, coverage, score, doubt),
+        (contrast, min(coverage + more, 1.0), score, doubt),
+        (contrast, coverage, score + more, doubt),
+        (contrast, coverage, score, max(doubt - more, 0.0)),
+    ):
+        assert verify(*better, CONFIG).rank >= plain - 1e-12
+
+
+def test_every_sign_counts() -> None:
+    plain = verify(2.0, 0.5, 0.5, 2.0, CONFIG).rank
+    for better in ((3.0, 0.5, 0.5, 2.0), (2.0, 0.7, 0.5, 2.0), (2.0, 0.5, 0.6, 2.0), (2.0, 0.5, 0.5, 1.0)):
+        assert verify(*better, CONFIG).rank > plain + 0.01
+
+
 @pytest.mark.parametrize(
-    ("threshold", "reason"),
+    ("sign", "reason"),
     [
-        ("min_coverage", Reason.FEW_EDGES),
-        ("min_contrast", Reason.LOW_CONTRAST),
-        ("min_rank", Reason.LOW_CONTRAST),
+        ((0.5, 0.9, 0.5, 1.0), Reason.LOW_CONTRAST),
+        ((6.0, 0.1, 0.1, 6.0), Reason.FEW_EDGES),
+        ((0.0, 0.0, 0.0, 8.0), Reason.FEW_EDGES),
     ],
 )
-def test_what_shows_less_than_is_asked_for_is_refused(
-    threshold: str, reason: Reason, portrait: Portrait, t11: PalletModel
+def test_the_reason_is_what_speaks_most_against_it(sign: tuple[float, float, float, float], reason: Reason) -> None:
+    assert verify(*sign, CONFIG).reason is reason
+
+
+@given(st.floats(0.001, 0.2), st.floats(0.0005, 0.1), st.floats(0.001, 0.5), st.floats(-3.1, 3.1))
+def test_a_pose_is_of_use_if_its_longest_axis_on_the_floor_and_its_yaw_are_sure(
+    along: float, yaw: float, up: float, direction: float
 ) -> None:
-    estimate = fitted(portrait(t11, POSE), t11)
-    strict = VerificationConfig(**{threshold: 1e6})
-    refused, passed = verify(estimate, t11, strict), verify(estimate, t11, CONFIG)
-    assert refused.reason is reason
-    assert replace(refused, reason=None) == passed
-
-
-def test_a_face_without_openings_is_no_pallet(portrait: Portrait, t11: PalletModel) -> None:
-    estimate = fitted(portrait(t11, POSE), t11)
-    view = estimate.seen.view
-    board = view.image.copy()
-    rows = board.shape[0]
-    board[rows // 3 : 2 * rows // 3] = board[rows // 2, board.shape[1] // 2]  # the middle block's colour all along
-    covered = replace(estimate, seen=replace(estimate.seen, view=replace(view, image=board)))
-    assert verify(covered, t11, CONFIG).reason is Reason.LOW_CONTRAST
-
-
-def test_the_better_a_candidate_the_higher_its_rank() -> None:
-    plain = Verification(contrast=2.0, coverage=0.5, score=0.5, reason=None)
-    for better in (replace(plain, contrast=3.0), replace(plain, coverage=0.9), replace(plain, score=0.8)):
-        assert better.rank > plain.rank
-    assert replace(plain, contrast=0.0).rank == 0.0
-    assert Verification(100.0, 1.0, 1.0, None).rank <= 1.0
+    cos, sin = np.cos(direction), np.sin(direction)
+    turn = np.eye(4)
+    turn[:2, :2] = [[cos, -sin], [sin, cos]]
+    covariance = turn @ np.diag([along**2, (0.1 * along) ** 2, up**2, yaw**2]) @ turn.T
+    limits = (CONFIG.max_sigma, np.radians(CONFIG.max_yaw_sigma_deg))
+    if min(abs(along / limits[0] - 1), abs(yaw / limits[1] - 1)) > 1e-6:
+        assert bool(of_use(covariance, CONFIG)) is bool(along <= limits[0] and yaw <= limits[1])
 
 
 @given(places)

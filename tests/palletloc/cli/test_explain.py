@@ -43,8 +43,8 @@ def from_start(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in ("4-face-P9.png", "notes.txt", "4-face-P9.txt"):
         (folder / name).write_text("from before")
     initial = initial_file(folder, [row_beside("A", 0.02)])
-    arguments = ["explain", str(SAMPLE), "--shot", str(SHOT), "--out", str(folder)]
-    assert run([*arguments, "--initial", str(initial)]) == 0
+    arguments = ["explain", str(SAMPLE), "--shot", str(SHOT), "--out", str(folder), "--initial", str(initial)]
+    assert run([*arguments, "--method", "horizontal_plane"]) == 0
     return folder
 
 

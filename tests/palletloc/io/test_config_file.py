@@ -68,9 +68,9 @@ def another(value: Any) -> Any:
     raise TypeError(type(value))
 
 
-def changed(config: LocalizerConfig, place: tuple[str, ...], value: Any) -> LocalizerConfig:
-    section, name = place
-    return replace(config, **{section: replace(getattr(config, section), **{name: value})})
+def changed(config: Any, place: tuple[str, ...], value: Any) -> Any:
+    name, *rest = place
+    return replace(config, **{name: changed(getattr(config, name), tuple(rest), value) if rest else value})
 
 
 def test_what_is_written_is_read_back(tmp_path: Path) -> None:
@@ -100,11 +100,13 @@ def test_a_file_overrides_what_it_names_and_nothing_else(tmp_path: Path, place: 
 @pytest.mark.parametrize("place", PARAMETERS, ids=".".join)
 def test_every_parameter_is_written_below_its_meaning(place: tuple[str, ...]) -> None:
     text = format_config()
-    section, name = place
-    lines = text[text.index(f"\n{section}:\n") :].splitlines()
-    row = next(i for i, line in enumerate(lines) if line.startswith(f"  {name}: "))
-    assert lines[row - 1].startswith("  # ")
-    assert len(lines[row - 1]) > 10
+    *sections, name = place
+    for depth, section in enumerate(sections):
+        text = text[text.index(f"\n{'  ' * depth}{section}:\n") + 1 :]
+    indent, lines = "  " * len(sections), text.splitlines()
+    row = next(i for i, line in enumerate(lines) if line.startswith(f"{indent}{name}: "))
+    assert lines[row - 1].startswith(f"{indent}# ")
+    assert len(lines[row - 1]) > len(indent) + 8
 
 
 def test_a_choice_is_written_with_what_it_can_be() -> None:

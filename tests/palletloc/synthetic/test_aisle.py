@@ -98,6 +98,15 @@ def test_misfit_scales_with_the_tolerance(closed_below: PalletModel) -> None:
     assert widths.std() == pytest.approx(0.5 * closed_below.tolerance, rel=0.1)
 
 
+def test_shape_errors_that_leave_no_pallet_are_drawn_again(closed_below: PalletModel) -> None:
+    loose = replace(closed_below, tolerance=0.03)
+    rng = np.random.default_rng(0)
+    shapes = [misshapen(loose, 1.5, rng) for _ in range(50)]
+    assert np.std([shape.width for shape in shapes]) > 0.03
+    with pytest.raises(ValueError, match="misfit"):
+        misshapen(loose, 1e4, rng)
+
+
 @pytest.mark.parametrize("side", list(Side))
 def test_the_shelf_frame_is_right_handed_and_runs_with_the_path(side: Side) -> None:
     frame = ShelfFrame(side, 2.0)

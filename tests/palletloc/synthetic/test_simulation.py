@@ -131,6 +131,14 @@ def test_levels_may_be_kept_secret() -> None:
     assert simulate(replace(SPEC, tell_levels=False), 1).shelf.levels == ()
 
 
+def test_known_levels_may_be_off_while_the_pallets_stay() -> None:
+    exact, off = simulate(SPEC, 1), simulate(replace(SPEC, level_sigma=0.003), 1)
+    assert exact.aisle.pallets == off.aisle.pallets
+    assert replace(off.shelf, levels=()) == replace(exact.shelf, levels=())
+    errors = [simulate(replace(SPEC, level_sigma=0.003), seed).shelf.levels[0] for seed in range(100)]
+    assert np.std(errors) == pytest.approx(0.003, rel=0.25)
+
+
 def test_no_shots_are_refused() -> None:
     with pytest.raises(ValueError, match="at least one shot"):
         simulate(replace(SPEC, shots=0), 0)

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from palletloc.edge_fit import TUKEY
-from palletloc.face_view import FaceView
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.mounting import Mounting
 from palletloc.plane import PALLET_FROM_VERTICAL
+from palletloc.refinement.edges import SeenFace
 
 USED_WEIGHT = 0.2
 """Weight from which on an edge counts as used."""
@@ -45,15 +45,15 @@ class FaceSystem:
 
     Parameters
     ----------
-    seen : FaceView
+    seen : SeenFace
         The face with its measured edges.
     pose : LevelPose
-        ``forklift_from_pallet`` where the face was viewed.
+        ``forklift_from_pallet`` where the face was measured.
     mounting : Mounting
         Of the camera.
     """
 
-    def __init__(self, seen: FaceView, pose: LevelPose, mounting: Mounting) -> None:
+    def __init__(self, seen: SeenFace, pose: LevelPose, mounting: Mounting) -> None:
         self.seen = seen
         self._mounting = mounting
         forklift_from_plane = pose.matrix() @ PALLET_FROM_VERTICAL.as_matrix()
@@ -139,13 +139,14 @@ class FaceSystem:
         """Solve by iteratively reweighted least squares (Tukey's biweight on offsets and slopes)."""
         rows, values, robust = (np.concatenate(part) for part in (self._rows, self._values, self._robust))
         weights = np.ones(len(values))
-        for _ in range(15):
+        for _ in range(8):
             normal = rows.T @ (weights[:, None] * rows) + _TINY * np.eye(_UNKNOWNS)
             solution = np.linalg.solve(normal, rows.T @ (weights * values))
             residual = values - rows @ solution
-            spread = max(1.0, 1.4826 * float(np.median(np.abs(residual[robust]))))
+            size = np.sort(np.abs(residual[robust]))
+            spread = max(1.0, 1.4826 * float(size[len(size) // 2]))
             update = np.where(robust, np.clip(1 - (residual / (TUKEY * spread)) ** 2, 0, None) ** 2, 1.0)
-            settled = np.abs(update - weights).max() < 1e-3
+            settled = np.abs(update - weights).max() < 0.01
             weights = update
             if settled:
                 break

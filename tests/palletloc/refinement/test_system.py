@@ -9,12 +9,12 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from palletloc.edge_fit import EdgeFit
 from palletloc.face import FaceEdge, edge_shift, face_lines
-from palletloc.face_system import FaceSystem
-from palletloc.face_view import FaceView, MeasuredEdge
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
-from palletloc.plane import PALLET_FROM_VERTICAL, PlaneGrid, PlaneView
+from palletloc.plane import PALLET_FROM_VERTICAL
+from palletloc.refinement.edges import MeasuredEdge, SeenFace
+from palletloc.refinement.system import FaceSystem
 
 POSE = LevelPose(0.9, 2.0, 0.15, 1.7)
 STEP = 1e-5
@@ -77,7 +77,7 @@ def seen_face(
     errors: FloatArray = NONE,
     sigma: float = 1e-3,
     noise: Sequence[float] | FloatArray = (),
-) -> FaceView:
+) -> SeenFace:
     true_pose = POSE if motion is None else moved_face(POSE, motion)
     geometry = Geometry(mounting, true_pose, errors)
     camera = forklift_from_plane(POSE).inv().apply(mounting.center)
@@ -87,14 +87,7 @@ def seen_face(
         fit = replace(fit, offset=fit.offset + (noise[i] if len(noise) else 0.0))
         shift = replace(edge_shift(line.whole, camera, model), sigma=0.0)
         edges.append(MeasuredEdge(line.whole, fit, sigma, shift, 0.003))
-    grid = PlaneGrid.spanning(-0.7, 0.7, -0.1, 0.3, 0.01)
-    plain = PlaneView(
-        np.zeros((grid.rows, grid.columns), np.uint8),
-        np.ones((grid.rows, grid.columns), dtype=bool),
-        grid,
-        RigidTransform.identity(),
-    )
-    return FaceView(plain, camera, tuple(edges), len(edges))
+    return SeenFace(camera, tuple(edges), len(edges))
 
 
 def exact(mounting: Mounting) -> Mounting:

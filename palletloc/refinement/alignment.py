@@ -1,6 +1,6 @@
 """Position and yaw from the edges of the front face, to a fraction of a pixel, with their covariance.
 
-Each edge is measured across itself on a view of the face where the sweep found it. One linear least-squares fit
+Each edge is measured across itself in the shot, where the last pose says it is. One linear least-squares fit
 explains the offsets by a small motion of the face; what is known of height and yaw enters as observations, what
 is not known of the mounting as parameters with their own sigmas.
 """
@@ -11,21 +11,26 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palletloc.face_system import USED_WEIGHT, FaceSolution, FaceSystem
-from palletloc.face_view import FaceView, measure_edges, view_face, visible_lines
+from palletloc.cameras.protocol import CameraModel
+from palletloc.face_view import MIN_DISTANCE, visible_lines
 from palletloc.geometry import FloatArray, Image, LevelPose, wrap_angle
 from palletloc.measurement import HeightPrior, Reason
 from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
-from palletloc.projection import Projector
+from palletloc.plane import PALLET_FROM_VERTICAL
+from palletloc.refinement.edges import EdgeReach, SeenFace, measure_face
+from palletloc.refinement.system import USED_WEIGHT, FaceSolution, FaceSystem
+
+SMALL_PART = 0.2
+"""Part of its standard deviation below which a motion needs no further round."""
+FACE_IN_PALLET = PALLET_FROM_VERTICAL.as_matrix()
+"""The face's plane in the pallet frame."""
 
 
 @dataclass(frozen=True, slots=True)
 class FaceFitConfig:
     """How the edges of the face are measured and combined."""
 
-    resolution: float = 0.003
-    """Metres per pixel of the view of the face."""
     reach: float = 0.011
     """How far from its place an edge is looked for, in metres."""
     reach_px: float = 1.5
@@ -33,7 +38,7 @@ class FaceFitConfig:
     first_reach: float = 0.022
     """How far upright edges, which have no neighbours, are looked for at first, in metres."""
     iterations: int = 5
-    """Most views of the face, each placed where the last fit says."""
+    """Most rounds of measuring, each where the last fit says."""
     min_coverage: float = 0.3
     """Least part of an edge that must be seen for it to count."""
     max_doubt: float = 1.5
@@ -43,7 +48,7 @@ class FaceFitConfig:
     max_sigma: float = 0.5
     """Largest standard deviation of a position that is worth reporting, in metres."""
     small_motion: float = 0.003
-    """Below which motion, in metres and radians, the face is not viewed again."""
+    """Below which motion, in metres and radians, the face is not measured again."""
     slope_error_px: float = 0.15
     """How far each end of a level edge may lie off where its slope gives the yaw, in pixels of the camera's image."""
 
@@ -66,8 +71,8 @@ class FaceEstimate:
     """The pose."""
     covariance: FloatArray
     """(4, 4) covariance of (x, y, z, yaw) in the forklift frame, in metres and radians."""
-    seen: FaceView
-    """The face as it was last viewed, with its edges."""
+    seen: SeenFace
+    """The face as it was last measured, with its edges."""
     weights: FloatArray
     """(edges,) weight of each edge in the robust fit, 0 to 1."""
     coverage: float
@@ -83,7 +88,7 @@ class FaceEstimate:
 
 
 def fit_face(
-    projector: Projector,
+    camera: CameraModel,
     image: Image,
     mounting: Mounting,
     start: LevelPose,
@@ -97,8 +102,8 @@ def fit_face(
 
     Parameters
     ----------
-    projector : Projector
-        Of the camera that took the image.
+    camera : CameraModel
+        The camera that took the image.
     image : Image
         The shot.
     mounting : Mounting
@@ -121,15 +126,19 @@ def fit_face(
     FaceEstimate or Reason
         `Reason.FEW_EDGES` where too little of the face is seen.
     """
-    camera_from_forklift = mounting.forklift_from_camera.inv()
+    camera_from_forklift = mounting.camera_from_forklift
     pose, estimate = start, None
     for i in range(config.iterations):
-        seen = view_face(projector, image, camera_from_forklift, pose, model, config.resolution)
-        if isinstance(seen, Reason):
-            return seen
-        reach = max(config.reach, config.first_reach / 2**i)
-        edges = measure_edges(projector, seen, model, config.reach, reach, config.reach_px)
-        seen = replace(seen, edges=tuple(one for one in edges if one.fit.coverage >= config.min_coverage))
+        face = pose.matrix() @ FACE_IN_PALLET
+        plane_from_camera = face[:3, :3].T @ (mounting.center - face[:3, 3])
+        if plane_from_camera[2] < MIN_DISTANCE:
+            return Reason.BEHIND_FACE
+        upright = max(config.reach, config.first_reach / 2**i)
+        reach = EdgeReach(config.reach, upright, config.reach_px, 1.0, i > 0)
+        seen = measure_face(camera, image, camera_from_forklift @ face, plane_from_camera, model, reach)
+        if seen is None:
+            return Reason.OUT_OF_VIEW
+        seen = replace(seen, edges=tuple(one for one in seen.edges if one.fit.coverage >= config.min_coverage))
         if len(seen.edges) < config.min_edges:
             return Reason.FEW_EDGES
         system = FaceSystem(seen, pose, mounting)
@@ -145,12 +154,13 @@ def fit_face(
             return Reason.FEW_EDGES
         estimate = _estimate(seen, pose, model, solution)
         pose = estimate.forklift_from_pallet
-        if np.abs(solution.motion).max() < config.small_motion and reach <= config.reach:
+        small = np.maximum(config.small_motion, SMALL_PART * np.sqrt(solution.covariance.diagonal()))
+        if (np.abs(solution.motion) < small).all() and upright <= config.reach:
             break
     return Reason.FEW_EDGES if estimate is None else estimate
 
 
-def _estimate(seen: FaceView, pose: LevelPose, model: PalletModel, solution: FaceSolution) -> FaceEstimate:
+def _estimate(seen: SeenFace, pose: LevelPose, model: PalletModel, solution: FaceSolution) -> FaceEstimate:
     right, up, depth, turn = (float(value) for value in solution.motion)
     cos, sin = float(np.cos(pose.yaw)), float(np.sin(pose.yaw))
     moved = LevelPose(
@@ -164,7 +174,7 @@ def _estimate(seen: FaceView, pose: LevelPose, model: PalletModel, solution: Fac
     return FaceEstimate(moved, covariance, seen, solution.weights, _coverage(seen, model, solution), solution.chi2)
 
 
-def _coverage(seen: FaceView, model: PalletModel, solution: FaceSolution) -> float:
+def _coverage(seen: SeenFace, model: PalletModel, solution: FaceSolution) -> float:
     lines = [line.whole for line in visible_lines(model, seen.plane_from_camera) if not seen.loaded(line.whole)]
     covered = sum(
         one.edge.length * one.fit.coverage

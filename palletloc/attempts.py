@@ -1,0 +1,146 @@
+"""Fits of one candidate from several starts: each is checked, the best one kept, and rivals widen its covariance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from palletloc.candidate import Candidate, ShotView
+from palletloc.config import LocalizerConfig
+from palletloc.geometry import LevelPose, wrap_angle
+from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
+from palletloc.refinement.alignment import YawPrior, fit_face
+from palletloc.refinement.appearance import opening_contrasts
+from palletloc.refinement.hypotheses import score_pose
+from palletloc.refinement.patch import FacePatch
+from palletloc.verification import of_use, verify
+
+MOST_ATTEMPTS = 3
+"""How many starts are tried where only the face gives yaw or distance."""
+NATS_PER_EDGE = 2.0
+"""How much less likely, as a logarithm, each missing or contradicting edge makes a pose."""
+NATS_OF_SCORE = 5.0
+"""How much more likely full agreement with the drawing makes a pose than none, as a logarithm."""
+GLANCE_CONTRAST = 0.9
+"""Contrast of openings and blocks below which a start shows no pallet, in spreads of the blocks."""
+
+Prepare = Callable[[Candidate, LevelPose], LevelPose]
+"""Readies a candidate for a fit from a start, and returns where to begin."""
+
+
+def keep_best(
+    shot: ShotView,
+    candidate: Candidate,
+    starts: Iterable[tuple[LevelPose, FacePatch]],
+    prepare: Prepare,
+    weak: bool,
+    config: LocalizerConfig,
+) -> None:
+    """Fit the face from one start after the other, until one leaves no doubt, and keep the best.
+
+    Where only the face gives the yaw, or nothing is known of the height, the first good fit may have a rival:
+    more are tried, until two starts lead to the same pose.
+
+    Parameters
+    ----------
+    shot : ShotView
+        The shot.
+    candidate : Candidate
+        Gets the best attempt's results, or its refusal.
+    starts : iterable of (LevelPose, FacePatch)
+        Where to begin, the best first, each with a view of its surroundings.
+    prepare : callable
+        What to do before each fit.
+    weak : bool
+        Whether only the face gives the yaw, or nothing is known of the height.
+    config : LocalizerConfig
+        Parameters.
+    """
+    attempts: list[Candidate] = []
+    for start, patch in starts:
+        if any(one.pose is not None and _near(start, one.pose) for one in attempts):
+            continue  # it would lead to the same pose
+        if 0 < _contrast(patch, start, candidate) < GLANCE_CONTRAST:
+            continue  # most places that are not a pallet end here; of those that are not wholly seen, the fit tells
+        attempt = replace(candidate, horizontal=list(candidate.horizontal))
+        _fit(shot, attempt, prepare(attempt, start), patch, config)
+        attempts.append(attempt)
+        certain = attempt.face is not None and attempt.face.doubt < config.face_fit.max_doubt
+        confirmed = any(_agree(attempt, one) for one in attempts[:-1])
+        if confirmed or (certain and (not weak or len(attempts) == MOST_ATTEMPTS)):
+            break
+    if not attempts:
+        return candidate.refuse(Stage.VERIFICATION, Reason.LOW_CONTRAST)
+    best = max(attempts, key=_likelihood)
+    if best.face is not None:
+        doubt = best.face.doubt
+        growth = max(doubt - 0.5, 0.0) ** 2 if weak else max(doubt - config.face_fit.max_doubt, 0.0)
+        _widen(best, growth, attempts)
+    for name in ("horizontal", "yaw", "yaw_from", "face", "pose", "covariance", "verification", "refusal"):
+        setattr(candidate, name, getattr(best, name))
+    uncertain = candidate.covariance is None or not of_use(candidate.covariance, config.verification)
+    if candidate.refusal is None and uncertain:
+        candidate.refuse(Stage.VERIFICATION, Reason.UNCERTAIN)
+    return None
+
+
+def _contrast(patch: FacePatch, pose: LevelPose, candidate: Candidate) -> float:
+    """Return how clearly the less clear opening differs from the blocks beside it."""
+    return float(opening_contrasts(patch, candidate.model, pose).min())
+
+
+def _fit(shot: ShotView, candidate: Candidate, pose: LevelPose, patch: FacePatch, config: LocalizerConfig) -> None:
+    model = candidate.model
+    height = candidate.height or HeightPrior(candidate.start.z, config.prior.free_sigma)
+    yaw = None
+    if candidate.yaw is not None:
+        candidate.yaw_from = candidate.yaw.source
+        yaw = YawPrior(candidate.yaw.sigma, model.height if candidate.yaw.source is YawSource.TOP else 0.0)
+    spread = float(np.radians(config.prior.yaw_sigma_deg))
+    face = fit_face(
+        shot.projector.camera, shot.image, shot.mounting, pose, model, height, yaw, spread, config.face_fit
+    )
+    if isinstance(face, Reason):
+        return candidate.refuse(Stage.POSITION, face)
+    candidate.face = face
+    found = face.forklift_from_pallet
+    candidate.pose, candidate.covariance = found, face.covariance
+    contrast, score = _contrast(patch, found, candidate), score_pose(patch, model, found)
+    candidate.verification = verify(contrast, face.coverage, score, face.doubt, config.verification)
+    if candidate.height is not None and abs(found.z - height.z) > 4 * height.sigma:
+        return candidate.refuse(Stage.VERIFICATION, Reason.OFF_LEVEL)
+    if candidate.verification.reason is not None:
+        return candidate.refuse(Stage.VERIFICATION, candidate.verification.reason)
+    return None
+
+
+def _agree(one: Candidate, other: Candidate) -> bool:
+    if one.pose is None or other.pose is None:
+        return False
+    apart = np.abs(one.pose.as_array() - other.pose.as_array())
+    return bool(apart[:3].max() < 0.01 and abs(wrap_angle(float(apart[3]))) < np.radians(0.3))
+
+
+def _likelihood(attempt: Candidate) -> float:
+    """Return the logarithm of how well an attempt explains the image, against other attempts."""
+    if attempt.face is None or attempt.verification is None:
+        return -np.inf
+    return NATS_OF_SCORE * attempt.verification.score - NATS_PER_EDGE * attempt.face.doubt
+
+
+def _widen(best: Candidate, growth: float, attempts: Sequence[Candidate]) -> None:
+    """Widen the covariance by what the edges leave in doubt, and by rivals as far as they are likely."""
+    if best.pose is None or best.covariance is None:
+        return
+    rivals = [one for one in attempts if one.pose is not None]
+    weight = np.exp([_likelihood(rival) - _likelihood(best) for rival in rivals])
+    apart = np.array([rival.pose.as_array() - best.pose.as_array() for rival in rivals if rival.pose])
+    apart[:, 3] = wrap_angle(apart[:, 3])
+    best.covariance = best.covariance * (1 + growth) + (weight[:, None] * apart).T @ apart / weight.sum()
+
+
+def _near(one: LevelPose, other: LevelPose) -> bool:
+    apart = np.linalg.norm(one.as_array()[:3] - other.as_array()[:3])
+    return bool(apart < 0.04 and abs(wrap_angle(one.yaw - other.yaw)) < np.radians(2.0))

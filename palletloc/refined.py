@@ -1,0 +1,48 @@
+"""Beyond the paper: hypotheses scored in the image, then every edge of the best ones to a fraction of a pixel."""
+
+from __future__ import annotations
+
+from palletloc.attempts import keep_best
+from palletloc.candidate import Candidate, ShotView
+from palletloc.config import LocalizerConfig
+from palletloc.geometry import LevelPose
+from palletloc.measurement import Reason, Stage, YawSource
+from palletloc.pipeline import horizontal_plane_for, out_of_sight
+from palletloc.refinement.search import search
+
+
+def measure_refined(shot: ShotView, candidate: Candidate, config: LocalizerConfig) -> None:
+    """Measure a candidate: score hypotheses around its start, fit the face's edges from the best of them.
+
+    Parameters
+    ----------
+    shot : ShotView
+        The shot.
+    candidate : Candidate
+        Gets the results, or its refusal.
+    config : LocalizerConfig
+        Parameters.
+    """
+    hidden = out_of_sight(shot, candidate, config)
+    if hidden is not None:
+        return candidate.refuse(Stage.START, hidden)
+    looked = search(
+        shot.projector,
+        shot.image,
+        shot.mounting,
+        candidate.start,
+        candidate.model,
+        candidate.height,
+        config.search,
+    )
+    if isinstance(looked, Reason):
+        return candidate.refuse(Stage.SEARCH, looked)
+    candidate.search = looked
+    source = horizontal_plane_for(shot, candidate, config)
+
+    def ready(attempt: Candidate, start: LevelPose) -> LevelPose:
+        attempt.yaw_from = source
+        return start
+
+    weak = source is YawSource.FACE or candidate.height is None
+    return keep_best(shot, candidate, looked.starts, ready, weak, config)

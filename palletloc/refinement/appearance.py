@@ -1,0 +1,69 @@
+"""What lies between the edges of a face at a pose: openings that are not like the blocks beside them."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palletloc.geometry import FloatArray, LevelPose
+from palletloc.pallet import PalletModel
+from palletloc.refinement.patch import FacePatch
+
+POINTS = (9, 5)
+"""Points in each block and each opening, along and up."""
+MARGIN = 0.15
+"""Part of a block's or an opening's size that is left out on each side."""
+NOISE = 2.0
+"""Differences below this are noise, in gray levels."""
+
+
+def opening_contrasts(patch: FacePatch, model: PalletModel, pose: LevelPose) -> FloatArray:
+    """Return how clearly each opening differs from the blocks beside it.
+
+    Parameters
+    ----------
+    patch : FacePatch
+        A view around the face.
+    model : PalletModel
+        The pallet.
+    pose : LevelPose
+        ``forklift_from_pallet``.
+
+    Returns
+    -------
+    (openings,) array
+        Median distance of an opening's colours from the mean of the two blocks beside it, over the spread of those
+        (within and between them). About 1 where there is no opening; what is seen through one may be dark and
+        bright at once, so its mean colour says little. 0 where the view does not reach.
+    """
+    points = _points(model)
+    pixels = np.rint(patch.view.grid.pixels(patch.appearing(pose, points.reshape(-1, 2)))).astype(np.intp)
+    rows, columns = patch.smooth.shape[:2]
+    column, row = pixels.T
+    inside = (column >= 0) & (row >= 0) & (column < columns) & (row < rows)
+    if not inside.all() or not patch.view.valid[row, column].all():
+        return np.zeros(len(model.openings))
+    seen = patch.smooth[row, column].reshape(*points.shape[:2], -1).astype(np.float64)
+    count = len(model.blocks)
+    mean = seen[:count].mean(axis=1)
+    within = seen[:count].var(axis=1).sum(axis=1)
+    center = (mean[:-1] + mean[1:]) / 2
+    between = ((mean[:-1] - mean[1:]) ** 2).sum(axis=1) / 4
+    spread = np.sqrt((within[:-1] + within[1:]) / 2 + between + NOISE**2)
+    away = np.sqrt(np.median(((seen[count:] - center[:, None]) ** 2).sum(axis=2), axis=1))
+    return np.asarray(away / spread)
+
+
+@lru_cache(maxsize=64)
+def _points(model: PalletModel) -> NDArray[np.float64]:
+    """Return (blocks and openings, n, 2) points between the edges."""
+    low = max(min(opening.bottom for opening in model.openings), 0.01)
+    high = min(opening.top for opening in model.openings)
+    spans = np.array([*model.blocks, *((opening.left, opening.right) for opening in model.openings)])
+    along, up = (MARGIN + (1 - 2 * MARGIN) * (np.arange(count) + 0.5) / count for count in POINTS)
+    right = spans[:, :1] + along * (spans[:, 1:] - spans[:, :1])
+    height = low + up * (high - low)
+    points = np.stack(np.broadcast_arrays(right[:, :, None], height), axis=-1)
+    return points.reshape(len(spans), -1, 2)

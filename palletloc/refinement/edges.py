@@ -1,0 +1,191 @@
+"""The edges of a face in the shot, each measured to a fraction of a pixel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from palletloc.cameras.protocol import CameraModel
+from palletloc.edge_fit import EdgeFit, EdgePeaks, fit_edges
+from palletloc.face import EdgeKind, EdgeShift, FaceEdge, edge_shift, face_lines
+from palletloc.geometry import FloatArray, Image
+from palletloc.pallet import PalletModel
+from palletloc.refinement.cuts import FaceCuts, face_cuts
+from palletloc.refinement.profiles import Profiles, cut_profiles
+
+END_PIXELS = 1.0
+"""How many pixels of the image at each end of an edge are left out."""
+LEAST_REACH = 0.75
+"""How far an edge is looked for at least, in pixels of the image."""
+PIXEL_ERROR = 0.05
+"""What an edge's offset is uncertain by beyond its scatter, in pixels of the image."""
+NEIGHBOUR_ERROR = 2.0
+"""How far a parallel edge in the same place would draw a peak, in pixels of the image."""
+NEIGHBOUR_PIXELS = 1.5
+"""Over how many pixels the influence of a parallel edge falls to a third."""
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredEdge:
+    """One line of the face and what was measured of it."""
+
+    edge: FaceEdge
+    """The line, from its first to its last end."""
+    fit: EdgeFit
+    """Its offset and slope on the face, against where a camera should see it."""
+    sigma: float
+    """Standard deviation of the offset from noise, resolution and tolerances, in metres."""
+    shift: EdgeShift
+    """Where a camera should see it against the drawn edge, and how sure that is."""
+    pixel: float
+    """Size of a pixel of the image across the edge, in metres."""
+
+
+@dataclass(frozen=True, slots=True)
+class SeenFace:
+    """A face in the shot and its edges."""
+
+    plane_from_camera: FloatArray
+    """(3,) the camera's centre in the face's coordinates: right, up, towards the viewer, in metres."""
+    edges: tuple[MeasuredEdge, ...]
+    """The edges that are seen."""
+    expected: int
+    """How many edges the camera should see; without the upper edge from above, where a load may begin."""
+
+    def loaded(self, edge: FaceEdge) -> bool:
+        """Tell whether a load may begin at an edge: at the upper one, seen from above."""
+        return edge.kind is EdgeKind.TOP and bool(self.plane_from_camera[1] > edge.middle[1])
+
+
+@dataclass(frozen=True, slots=True)
+class EdgeReach:
+    """How far from its place an edge is looked for."""
+
+    level: float
+    """Level edges, in metres."""
+    upright: float
+    """Upright edges, in metres."""
+    pixels: float
+    """The same in pixels of the image: the larger holds."""
+    spacing: float = 1.0
+    """About how far cuts across an edge are apart, in pixels of the image."""
+    own_half: bool = False
+    """Whether to stop half-way to the next parallel line: beyond, a peak is that line's."""
+
+
+def measure_face(
+    camera: CameraModel,
+    image: Image,
+    camera_from_face: FloatArray,
+    plane_from_camera: FloatArray,
+    model: PalletModel,
+    reach: EdgeReach,
+) -> SeenFace | None:
+    """Measure the edges of a face in the shot.
+
+    Parameters
+    ----------
+    camera : CameraModel
+        The camera that took the image.
+    image : Image
+        The shot.
+    camera_from_face : (4, 4) array
+        The face's plane where it is looked for: x right, y up.
+    plane_from_camera : (3,) array
+        The camera's centre in the face's coordinates, in metres.
+    model : PalletModel
+        The pallet.
+    reach : EdgeReach
+        How far to look.
+
+    Returns
+    -------
+    SeenFace or None
+        With the edges of which enough is seen for a line; None where the camera does not see the whole face.
+    """
+    right, up = _pixel_sizes(camera, camera_from_face, model)
+    if not np.isfinite(right + up):
+        return None
+    below = bool(plane_from_camera[1] < 0)
+    # spacings from a ladder: a cut a pixel apart is enough, and the cuts of a model are kept
+    cuts = face_cuts(model, reach.spacing * _rung(right), reach.spacing * _rung(up), below)
+    pixel = np.where(cuts.level[:, None], [[up, right]], [[right, up]])
+    across = pixel[:, 0]
+    far = np.maximum(np.where(cuts.level, reach.level, reach.upright), reach.pixels * across)
+    if reach.own_half:
+        halfway = np.array([0.5 * _gap(line.whole, model) for line in cuts.lines])
+        far = np.minimum(far, np.maximum(halfway, LEAST_REACH * across))
+    shifts = [edge_shift(line.whole, plane_from_camera, model) for line in cuts.lines]
+    mean = np.array([shift.mean for shift in shifts])
+    profiles = cut_profiles(camera, image, camera_from_face, cuts, mean, far, pixel)
+    if not profiles.valid.all():
+        return None
+    peaks = _peaks(cuts, profiles, far, pixel[:, 1])
+    lengths = np.array([line.whole.length for line in cuts.lines])
+    # an upright edge stays upright: only level ones may tilt, by the yaw
+    tilt = np.where(cuts.level, np.inf, 0.5 * across / lengths)
+    fits = fit_edges(peaks, across, pixel[:, 1], far, tilt)
+    edges = tuple(
+        MeasuredEdge(line.whole, fit, _sigma(line.whole, fit, model, size), shift, size)
+        for line, fit, shift, size in zip(cuts.lines, fits, shifts, across.tolist(), strict=True)
+        if fit is not None
+    )
+    seen = SeenFace(plane_from_camera, edges, 0)
+    return SeenFace(plane_from_camera, edges, sum(not seen.loaded(line.whole) for line in cuts.lines))
+
+
+def _pixel_sizes(camera: CameraModel, camera_from_face: FloatArray, model: PalletModel) -> tuple[float, float]:
+    """Return the size of a pixel along the face's right and up at its middle, infinite where it is not seen."""
+    step = 1e-3
+    up = model.height / 2
+    points = np.array([[0.0, up], [step, up], [0.0, up + step]])
+    pixels, valid = camera.project(points @ camera_from_face[:3, :2].T + camera_from_face[:3, 3])
+    if not valid.all():
+        return np.inf, np.inf
+    moved = pixels[1:] - pixels[0]
+    if camera.period_px is not None:
+        moved[:, 0] -= camera.period_px * np.round(moved[:, 0] / camera.period_px)
+    right, up = (step / np.maximum(np.hypot(*moved.T), 1e-9)).tolist()
+    return right, up
+
+
+def _rung(size: float) -> float:
+    """Return a size rounded to a power of the square root of two."""
+    return float(2.0 ** (round(2 * np.log2(size)) / 2))
+
+
+def _peaks(cuts: FaceCuts, profiles: Profiles, reach: FloatArray, along: FloatArray) -> EdgePeaks:
+    """Return the strongest true local maximum on each cut: the end of a slope would only return the prediction."""
+    gradient = profiles.gradient
+    left, middle, right = gradient[:, :-2], gradient[:, 1:-1], gradient[:, 2:]
+    offsets = profiles.offsets[1:-1]
+    peak = np.where((middle > left) & (middle >= right) & (np.abs(offsets) <= 1 + 1e-9), middle, np.float32(0.0))
+    best = peak.argmax(axis=1)
+    row = np.arange(len(best))
+    a, b, c = (part[row, best].astype(np.float64) for part in (left, middle, right))
+    shift = np.clip(0.5 * (a - c) / np.minimum(a - 2 * b + c, -1e-9), -0.5, 0.5)
+    offset = (offsets[best] + shift * (offsets[1] - offsets[0])) * reach[cuts.line]
+    trimmed = cuts.end < np.minimum(END_PIXELS * along[cuts.line], cuts.shortest)
+    strength = np.where(trimmed, -1.0, peak[row, best])
+    return EdgePeaks(cuts.by_line(cuts.along, 0.0), cuts.by_line(offset, 0.0), cuts.by_line(strength, -1.0))
+
+
+@lru_cache(maxsize=64)
+def _gaps(model: PalletModel) -> dict[float, float]:
+    """Return the distance of each level line of the face from the next one, by their heights."""
+    ups = {line.whole.middle[1] for line in face_lines(model) if line.whole.horizontal}
+    return {up: min((abs(up - other) for other in ups if other != up), default=np.inf) for up in ups}
+
+
+def _gap(edge: FaceEdge, model: PalletModel) -> float:
+    """Return the distance of an edge from the next parallel one that it may be mistaken for."""
+    return _gaps(model)[edge.middle[1]] if edge.horizontal else np.inf
+
+
+def _sigma(edge: FaceEdge, fit: EdgeFit, model: PalletModel, pixel: float) -> float:
+    """Return what an edge's offset is uncertain by: edges a few pixels apart draw each other's peaks."""
+    gap = _gap(edge, model)
+    drawn = pixel * (PIXEL_ERROR + NEIGHBOUR_ERROR * float(np.exp(-gap / (NEIGHBOUR_PIXELS * pixel))))
+    return float(np.sqrt(fit.sigma_offset**2 + model.tolerance**2 + drawn**2))

@@ -1,0 +1,284 @@
+"""Pose hypotheses scored in the image: are there edges of the right direction where the face would have them.
+
+Hypotheses vary in yaw, in distance along the viewing ray and along the face; each costs a few dozen look-ups in a
+view of one plane, on which faces at any pose appear by central projection.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from palletloc.geometry import FloatArray, LevelPose, wrap_angle
+from palletloc.matching import Energy
+from palletloc.pallet import PalletModel
+from palletloc.refinement.patch import FacePatch
+from palletloc.refinement.samples import face_samples
+
+
+@dataclass(frozen=True, slots=True)
+class SearchConfig:
+    """Where around a start a face is looked for, and how hypotheses are compared."""
+
+    turn_deg: float = 6.0
+    """How far the yaw may be off, in degrees."""
+    nearer: float = 0.12
+    """How far before its start the face may stand, along the viewing ray, in metres."""
+    farther: float = 0.12
+    """How far behind its start the face may stand, along the viewing ray, in metres."""
+    sideways: float = 0.08
+    """How far along the shelf from the viewing ray the face may stand, in metres."""
+    upward: float = 0.06
+    """How far from the viewing ray's height the face may stand where no level is known, in metres."""
+    kept: int = 60
+    """How many combinations of yaw, distance and height are tried at every place along the face."""
+    peaks: int = 3
+    """Most poses to return."""
+    min_score: float = 0.15
+    """Least agreement of drawing and image."""
+    min_share: float = 0.7
+    """Least agreement against the best one's."""
+    apart: float = 0.05
+    """How far poses are apart at least, in metres, ..."""
+    apart_deg: float = 2.5
+    """... or in degrees."""
+
+
+@dataclass(frozen=True, slots=True)
+class HypothesisGrid:
+    """What is tried: every combination."""
+
+    turns: FloatArray
+    """(n,) yaws against the patch's plane, in radians."""
+    ranges: FloatArray
+    """(m,) distances over that of the patch's origin."""
+    places: FloatArray
+    """(k,) shifts to the right of the viewing ray, in metres."""
+    rises: FloatArray
+    """(h,) shifts upwards, in metres."""
+    sliding: bool
+    """Whether the height slides along the viewing ray, too, as it does where nothing is known of it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scored:
+    """Hypotheses with their scores."""
+
+    pose: LevelPose
+    """``forklift_from_pallet``."""
+    score: float
+    """Agreement of drawing and image about there, at most 1."""
+
+
+@dataclass(frozen=True, slots=True)
+class HypothesisScores:
+    """The search's result."""
+
+    grid: HypothesisGrid
+    """What was tried."""
+    score: FloatArray
+    """(turns, ranges) best agreement over places and heights; of the level edges alone where that ruled them out."""
+    peaks: tuple[Scored, ...]
+    """The best ones, well apart, the best first."""
+
+
+def score_hypotheses(
+    patch: FacePatch, model: PalletModel, grid: HypothesisGrid, config: SearchConfig
+) -> HypothesisScores:
+    """Score every hypothesis of a grid.
+
+    Level edges tell yaw and distance and hardly change along the face: they are scored first, and only what they
+    leave is tried at every place.
+
+    Parameters
+    ----------
+    patch : FacePatch
+        The view.
+    model : PalletModel
+        The pallet.
+    grid : HypothesisGrid
+        What to try.
+    config : SearchConfig
+        How many of them to look at closely.
+
+    Returns
+    -------
+    HypothesisScores
+        With the peaks.
+    """
+    level = _level_scores(patch, model, grid)
+    shape = level.shape
+    kept = min(config.kept, level.size)
+    chosen = np.argpartition(level.ravel(), -kept)[-kept:]
+    turn, distance, rise = np.unravel_index(chosen, shape)
+    turns, ranges, rises = grid.turns[turn, None], grid.ranges[distance, None], grid.rises[rise, None]
+    seen = _Hypotheses(turns, ranges, grid.places[None, :], rises, grid.sliding)
+    score = level.ravel()[chosen, None] + _rest_scores(patch, model, seen)
+    table = level.max(axis=2)
+    np.maximum.at(table, (turn, distance), score.max(axis=1))
+    peaks = [_polished(patch, model, seen.at(*place), grid) for place in _peaks(score, seen, patch, config)]
+    peaks.sort(key=lambda peak: -peak.score)
+    return HypothesisScores(grid, table, tuple(peaks))
+
+
+def score_pose(patch: FacePatch, model: PalletModel, pose: LevelPose) -> float:
+    """Score one pose.
+
+    Parameters
+    ----------
+    patch : FacePatch
+        The view.
+    model : PalletModel
+        The pallet.
+    pose : LevelPose
+        ``forklift_from_pallet``.
+
+    Returns
+    -------
+    float
+        Agreement of drawing and image, 1 where every edge is seen and nothing inside the blocks.
+    """
+    samples = face_samples(model)
+    turn = wrap_angle(pose.yaw - patch.base.yaw)
+    slope = _slope(patch, model, turn)
+    parts = (
+        (samples.level, samples.level_weight, patch.along_level(slope)),
+        (samples.upright, samples.upright_weight, patch.along_upright()),
+        (samples.block, samples.block_weight, patch.any_direction()),
+    )
+    total = 0.0
+    for points, weight, field in parts:
+        if len(points):
+            at = patch.view.grid.pixels(patch.appearing(pose, points))
+            total += float(_looked_up(field, at[:, 0], at[:, 1]) @ weight)
+    return total
+
+
+class _Hypotheses(NamedTuple):
+    """Hypotheses as arrays that broadcast together."""
+
+    turn: FloatArray
+    range: FloatArray
+    place: FloatArray
+    rise: FloatArray
+    sliding: bool
+
+    def at(self, row: int, column: int) -> FloatArray:
+        """Return turn, range, place and rise of one of them."""
+        return np.array([self.turn[row, 0], self.range[row, 0], self.place[0, column], self.rise[row, 0]])
+
+    def appearing(self, patch: FacePatch, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return columns and rows of face points in the patch; the points make a last axis."""
+        x, y, z = patch.plane_from_camera
+        turn, farther = self.turn[..., None], self.range[..., None] - 1
+        nearer = z / (z + farther * z + points[:, 0] * np.sin(turn))
+        right = x + (points[:, 0] * np.cos(turn) + (self.place[..., None] - x * (farther + 1))) * nearer
+        lowered = y * (farther + 1) if self.sliding else y
+        up = y + (points[:, 1] + (self.rise[..., None] - lowered)) * nearer
+        grid = patch.view.grid
+        return (right - grid.left) / grid.resolution, (grid.top - up) / grid.resolution
+
+    def pose(self, patch: FacePatch) -> LevelPose:
+        """Return the pose of a single hypothesis."""
+        x, y, z = patch.plane_from_camera
+        farther = float(self.range.item()) - 1
+        right, depth = float(self.place.item()) - x * farther, farther * z
+        up = float(self.rise.item()) - (y * farther if self.sliding else 0.0)
+        cos, sin = np.cos(patch.base.yaw), np.sin(patch.base.yaw)
+        return LevelPose(
+            float(patch.base.x + sin * right + cos * depth),
+            float(patch.base.y - cos * right + sin * depth),
+            float(patch.base.z + up),
+            wrap_angle(patch.base.yaw + float(self.turn.item())),
+        )
+
+
+def _slope(patch: FacePatch, model: PalletModel, turn: float) -> float:
+    """Return the slope of the face's level lines on the plane, about the same for all of them."""
+    x, y, z = patch.plane_from_camera
+    return float((y - model.height / 2) * np.sin(turn) / (z * np.cos(turn) + x * np.sin(turn)))
+
+
+def _looked_up(field: Energy, columns: FloatArray, rows: FloatArray) -> Energy:
+    """Return a field's values at the nearest pixels, 0 outside."""
+    height, width = field.shape
+    column, row = (columns + 0.5).astype(np.int32), (rows + 0.5).astype(np.int32)
+    # a negative index is a large one when seen without its sign
+    inside = (column.view(np.uint32) < width) & (row.view(np.uint32) < height)
+    row *= np.int32(width)
+    row += column
+    row *= inside
+    values = field.ravel().take(row)
+    values *= inside
+    return values
+
+
+def _level_scores(patch: FacePatch, model: PalletModel, grid: HypothesisGrid) -> FloatArray:
+    """Return (turns, ranges, rises) what level edges say at the place on the viewing ray."""
+    samples = face_samples(model)
+    weight = samples.level_weight.astype(np.float32)
+    scores = np.empty((len(grid.turns), len(grid.ranges), len(grid.rises)))
+    for i, turn in enumerate(grid.turns):
+        tried = _Hypotheses(
+            np.array([[turn]]), grid.ranges[:, None], np.zeros((1, 1)), grid.rises[None, :], grid.sliding
+        )
+        columns, rows = tried.appearing(patch, samples.level)
+        field = patch.along_level(_slope(patch, model, float(turn)))
+        scores[i] = _looked_up(field, columns, rows) @ weight
+    return scores
+
+
+def _rest_scores(patch: FacePatch, model: PalletModel, tried: _Hypotheses) -> FloatArray:
+    """Return what upright edges and blocks say of hypotheses."""
+    samples = face_samples(model)
+    total = np.zeros(np.broadcast_shapes(tried.turn.shape, tried.place.shape), dtype=np.float32)
+    for points, weight, field in (
+        (samples.upright, samples.upright_weight, patch.along_upright()),
+        (samples.block, samples.block_weight, patch.any_direction()),
+    ):
+        if len(points):
+            columns, rows = tried.appearing(patch, points)
+            columns, rows = np.broadcast_arrays(columns, rows)
+            total += _looked_up(field, columns, rows) @ weight.astype(np.float32)
+    return total.astype(np.float64)
+
+
+def _peaks(
+    score: FloatArray, tried: _Hypotheses, patch: FacePatch, config: SearchConfig
+) -> Iterator[tuple[int, int]]:
+    """Yield the best hypotheses that stand apart."""
+    remaining = score.copy()
+    best = float(score.max())
+    for _ in range(config.peaks):
+        row, column = (int(index) for index in np.unravel_index(int(remaining.argmax()), score.shape))
+        if remaining[row, column] < max(config.min_score, config.min_share * best):
+            return
+        yield row, column
+        turn, distance, place, rise = tried.at(row, column)
+        near = (np.abs(tried.turn - turn) < np.radians(config.apart_deg)) & (np.abs(tried.rise - rise) < config.apart)
+        near &= np.abs(tried.range - distance) * patch.plane_from_camera[2] < config.apart
+        remaining[near & (np.abs(tried.place - place) < config.apart)] = -np.inf
+
+
+def _polished(patch: FacePatch, model: PalletModel, best: FloatArray, grid: HypothesisGrid) -> Scored:
+    """Return the best pose between a hypothesis and its neighbours on the grid."""
+    samples = face_samples(model)
+    steps = [_step(axis) for axis in (grid.turns, grid.ranges, grid.places, grid.rises)]
+    offsets = [np.array([-0.35, 0.0, 0.35]) * step if step else np.zeros(1) for step in steps]
+    turn, distance, place, rise = (part.ravel() for part in np.meshgrid(*offsets, indexing="ij"))
+    tried = _Hypotheses(turn + best[0], distance + best[1], place + best[2], rise + best[3], grid.sliding)
+    field = patch.along_level(_slope(patch, model, float(best[0])))
+    columns, rows = tried.appearing(patch, samples.level)
+    score = _looked_up(field, columns, rows) @ samples.level_weight + _rest_scores(patch, model, tried)
+    # a plateau has no best place but a middle
+    top = score >= score.max() - 0.01
+    turn, distance, place, rise = (np.mean(part[top], keepdims=True) for part in tried[:4])
+    middle = _Hypotheses(turn, distance, place, rise, grid.sliding)
+    return Scored(middle.pose(patch), float(score.max()))
+
+
+def _step(axis: FloatArray) -> float:
+    return float(axis[1] - axis[0]) if len(axis) > 1 else 0.0

@@ -1,0 +1,164 @@
+"""The surroundings of a face on a vertical plane, with what an edge of any direction would find there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import RigidTransform
+
+from palletloc.geometry import FloatArray, Image, LevelPose, wrap_angle
+from palletloc.matching import Energy
+from palletloc.measurement import Reason
+from palletloc.plane import PALLET_FROM_VERTICAL, PlaneGrid, PlaneView, place_plane
+from palletloc.projection import Projector
+
+MIN_DISTANCE = 0.2
+"""Least distance of the camera from the plane, in metres."""
+SMOOTHING = 0.006
+"""Standard deviation of the smoothing before colours are compared, in metres."""
+WINDOW = (0.4, 0.2)
+"""Width and height of the neighbourhood that an edge is compared with, in metres."""
+SATURATION = 2.5
+"""Multiple of the neighbourhood's mean gradient that counts as a full edge."""
+SLOPE_STEP = 0.2
+"""Level lines whose slopes differ by less are looked for alike."""
+NOISE = 1.0
+"""Gradients of this size are noise, in gray levels per pixel."""
+
+
+@dataclass(frozen=True, slots=True)
+class FacePatch:
+    """A view of a vertical plane, on which faces at any pose nearby appear by central projection."""
+
+    base: LevelPose
+    """``forklift_from_pallet`` of a face that would lie on the plane with its origin at the plane's."""
+    plane_from_camera: FloatArray
+    """(3,) the camera's centre: right, up, towards the viewer, in metres."""
+    view: PlaneView
+    """The image."""
+    smooth: Image
+    """The image without what noise and grain do to colours."""
+    tensor: tuple[Energy, Energy, Energy]
+    """The structure tensor's elements (across columns, mixed, across rows), normalised by the neighbourhood."""
+    _kept: dict[float, Energy] = field(default_factory=dict, repr=False, compare=False)
+
+    def along_level(self, slope: float) -> Energy:
+        """Return how much edge runs along lines of about a slope (up per right), 0 to 1, widened by a pixel."""
+        rung = round(slope / SLOPE_STEP) * SLOPE_STEP
+        if rung not in self._kept:
+            # rows count downwards: the normal of such a line in pixels is (slope, 1) over its length
+            xx, xy, yy = self.tensor
+            energy = yy if rung == 0 else (yy + 2 * rung * xy + rung**2 * xx) / np.float32(1 + rung**2)
+            self._kept[rung] = _widened(energy, (1, 3))
+        return self._kept[rung]
+
+    def along_upright(self) -> Energy:
+        """Return how much edge runs upright, 0 to 1, widened by a pixel."""
+        if np.inf not in self._kept:
+            self._kept[np.inf] = _widened(self.tensor[0], (3, 1))
+        return self._kept[np.inf]
+
+    def any_direction(self) -> Energy:
+        """Return how much edge there is of any direction, 0 to 1."""
+        if -np.inf not in self._kept:
+            self._kept[-np.inf] = np.minimum(self.tensor[0] + self.tensor[2], np.float32(1.0))
+        return self._kept[-np.inf]
+
+    def appearing(self, pose: LevelPose, points: FloatArray) -> FloatArray:
+        """Return where points of a face at a pose appear on the plane.
+
+        Parameters
+        ----------
+        pose : LevelPose
+            ``forklift_from_pallet``.
+        points : (n, 2) array
+            Right and up on the face, in metres.
+
+        Returns
+        -------
+        (n, 2) array
+            Right and up on the plane, in metres.
+        """
+        turn = wrap_angle(pose.yaw - self.base.yaw)
+        cos, sin = np.cos(self.base.yaw), np.sin(self.base.yaw)
+        x, y = pose.x - self.base.x, pose.y - self.base.y
+        right, depth = sin * x - cos * y, cos * x + sin * y
+        camera = self.plane_from_camera
+        nearer = camera[2] / (camera[2] + depth + points[:, 0] * np.sin(turn))
+        at = np.stack([right + points[:, 0] * np.cos(turn), pose.z - self.base.z + points[:, 1]], axis=1)
+        return np.asarray(camera[:2] + (at - camera[:2]) * nearer[:, None])
+
+
+def view_patch(
+    projector: Projector,
+    image: Image,
+    camera_from_forklift: RigidTransform,
+    base: LevelPose,
+    extent: tuple[float, float, float, float],
+    resolution: float,
+) -> FacePatch | Reason:
+    """Project the surroundings of a face on its plane.
+
+    Parameters
+    ----------
+    projector : Projector
+        Of the camera that took the image.
+    image : Image
+        The shot.
+    camera_from_forklift : RigidTransform
+        Inverse of the camera's mounting.
+    base : LevelPose
+        ``forklift_from_pallet`` of a face on the plane.
+    extent : (left, right, low, high)
+        What to view around the face's origin, in metres.
+    resolution : float
+        Metres per pixel.
+
+    Returns
+    -------
+    FacePatch or Reason
+        `Reason.BEHIND_FACE` where the camera is not before the plane, `Reason.OUT_OF_VIEW` where it sees little.
+    """
+    camera_from_plane = place_plane(camera_from_forklift, base, PALLET_FROM_VERTICAL)
+    matrix = camera_from_plane.as_matrix()
+    camera = -matrix[:3, :3].T @ matrix[:3, 3]
+    if camera[2] < MIN_DISTANCE:
+        return Reason.BEHIND_FACE
+    grid = PlaneGrid.spanning(*extent, resolution)
+    view = projector.view(image, camera_from_plane, grid)
+    if view.valid.mean() < 0.5:
+        return Reason.OUT_OF_VIEW
+    smooth = cv2.GaussianBlur(view.image, (0, 0), max(SMOOTHING / resolution, 0.5))
+    tensor = _tensor(view.image, resolution)
+    if not view.valid.all():  # where the image ends there is no edge
+        inside = cv2.erode(view.valid.astype(np.float32), np.ones((7, 7), np.uint8), borderValue=1.0)
+        tensor = tensor[0] * inside, tensor[1] * inside, tensor[2] * inside
+    return FacePatch(base, camera, view, np.asarray(smooth, dtype=np.uint8), tensor)
+
+
+def _widened(energy: Energy, columns_rows: tuple[int, int]) -> Energy:
+    """Return energy, at most 1, that reaches the neighbouring pixels, too."""
+    kernel = np.ones(columns_rows[::-1], np.uint8)
+    return np.asarray(cv2.dilate(np.minimum(energy, np.float32(1.0)), kernel), dtype=np.float32)
+
+
+def _tensor(image: Image, resolution: float) -> tuple[Energy, Energy, Energy]:
+    smooth = cv2.GaussianBlur(image, (3, 3), 0.8)
+    across = np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=1, scale=0.5))
+    down = np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=1, scale=0.5))
+    if image.ndim == 3:
+        xx, xy, yy = (_summed(a * b) for a, b in ((across, across), (across, down), (down, down)))
+    else:
+        xx, xy, yy = across * across, across * down, down * down
+    size = np.sqrt(xx + yy)
+    window = tuple(round(part / resolution) | 1 for part in WINDOW)
+    local = cv2.boxFilter(size, cv2.CV_32F, window, borderType=cv2.BORDER_REPLICATE) + np.float32(NOISE)
+    scale = 1.0 / (np.maximum(size, np.float32(1e-6)) * local * np.float32(SATURATION))
+    return xx * scale, xy * scale, yy * scale
+
+
+def _summed(channels: NDArray[np.float32]) -> Energy:
+    return np.asarray(cv2.transform(channels, np.ones((1, 3), np.float32)), dtype=np.float32)

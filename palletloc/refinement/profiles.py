@@ -1,0 +1,119 @@
+"""Profiles of the image across the lines of a face, read straight from the shot through any camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from palletloc.cameras.protocol import CameraModel
+from palletloc.geometry import BoolArray, FloatArray, Image
+from palletloc.refinement.cuts import FaceCuts
+
+STEP_PX = 0.5
+"""Samples of a profile lie at most this far apart, in pixels of the image."""
+MARGIN = 2
+"""Samples beyond the reach at each end of a profile: a peak needs neighbours."""
+MOST_SAMPLES = 40
+"""Most samples within the reach on each side."""
+SMOOTHING_PX = (0.6, 1.0)
+"""Standard deviations of the smoothing across and along a line, in pixels of the image."""
+
+Samples = NDArray[np.float32]
+"""Float32 array."""
+
+
+@dataclass(frozen=True, slots=True)
+class Profiles:
+    """How fast the image changes along each cut."""
+
+    gradient: Samples
+    """(n, samples) absolute derivative across the line, the norm over the colour channels."""
+    offsets: FloatArray
+    """(samples,) positions along a cut, in parts of the reach."""
+    valid: BoolArray
+    """(n,) whether the camera sees the whole cut."""
+
+
+def cut_profiles(
+    camera: CameraModel,
+    image: Image,
+    camera_from_face: FloatArray,
+    cuts: FaceCuts,
+    shift: FloatArray,
+    reach: FloatArray,
+    pixel: FloatArray,
+) -> Profiles:
+    """Sample the image along cuts and differentiate.
+
+    Parameters
+    ----------
+    camera : CameraModel
+        The camera that took the image.
+    image : (height, width) or (height, width, 3) array
+        The shot.
+    camera_from_face : (4, 4) array
+        The face's plane: x right, y up.
+    cuts : FaceCuts
+        Where to cut.
+    shift : (lines,) array
+        How far outward of each drawn line its cuts have their middle, in metres.
+    reach : (lines,) array
+        How far cuts go to each side, in metres.
+    pixel : (lines, 2) array
+        Size of a pixel across and along each line, in metres.
+
+    Returns
+    -------
+    Profiles
+        A row for each cut.
+    """
+    half = int(np.clip(np.ceil((reach / pixel[:, 0]).max() / STEP_PX), 4, MOST_SAMPLES))
+    steps = np.arange(-half - MARGIN, half + MARGIN + 1) / half
+    middle, away, valid = _places(camera, camera_from_face, cuts, shift, reach)
+    columns, rows = ((middle[:, axis, None] + steps * away[:, axis, None]).astype(np.float32) for axis in (0, 1))
+    border = cv2.BORDER_REPLICATE if camera.period_px is None else cv2.BORDER_WRAP
+    sampled = np.asarray(cv2.remap(image, columns, rows, cv2.INTER_LINEAR, borderMode=border), dtype=np.float32)
+    gradient = np.empty(columns.shape, np.float32)
+    for lines in (cuts.level, ~cuts.level):
+        if lines.any():
+            here = lines[cuts.line]
+            across, along = SMOOTHING_PX * pixel[lines].mean(axis=0)
+            apart = float(reach[lines].mean()) / half
+            gradient[here] = _derivative(sampled[here], across / apart, along / float(cuts.spacing[lines].mean()))
+    return Profiles(gradient, steps, valid)
+
+
+def _places(
+    camera: CameraModel, camera_from_face: FloatArray, cuts: FaceCuts, shift: FloatArray, reach: FloatArray
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Return the pixels of the cuts' middles, the way from there to the ends of their reach, and what is seen."""
+    outward = cuts.outward[cuts.line]
+    points = cuts.points + shift[cuts.line, None] * outward
+    both = np.concatenate([points, points + reach[cuts.line, None] * outward])
+    seen = camera.project(both @ camera_from_face[:3, :2].T + camera_from_face[:3, 3])
+    count = len(points)
+    valid = seen.valid[:count] & seen.valid[count:]
+    middle, away = seen.pixels[:count], seen.pixels[count:] - seen.pixels[:count]
+    if camera.period_px is not None:
+        away[:, 0] -= camera.period_px * np.round(away[:, 0] / camera.period_px)
+    if not valid.all():
+        middle, away = (np.where(valid[:, None], part, 0.0) for part in (middle, away))
+    return middle, away, valid
+
+
+def _derivative(sampled: Samples, across: float, along: float) -> Samples:
+    """Return the absolute derivative of smoothed profiles along their samples, the norm over the channels."""
+    radius = max(1, round(3 * across))
+    at = np.arange(-float(radius), radius + 1)
+    bell = np.exp(-0.5 * (at / max(across, 0.5)) ** 2)
+    slope = at * bell
+    slope /= (slope * at).sum()
+    width = max(1, round(2.5 * along))
+    smooth = np.exp(-0.5 * (np.arange(-width, width + 1) / max(along, 0.2)) ** 2)
+    change = cv2.sepFilter2D(sampled, cv2.CV_32F, slope, smooth / smooth.sum(), borderType=cv2.BORDER_REPLICATE)
+    if change.ndim == 2:
+        return np.asarray(np.abs(change), dtype=np.float32)
+    return np.asarray(np.sqrt(np.einsum("nsc,nsc->ns", change, change)), dtype=np.float32)

@@ -1,0 +1,86 @@
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from benchmarks.consistency_tables import FACTORS, class_table, factor_table
+from benchmarks.scenes import draw_scene
+from benchmarks.tables import Section, Value
+from benchmarks.views import HeightClass, ShotViews, View
+from palletloc.config import Method
+from palletloc.evaluation.errors import PoseError, TrueFace
+from palletloc.geometry import LevelPose
+
+FULL, HALF = draw_scene(0), draw_scene(1)
+
+
+def view(
+    nees: float | None, height: HeightClass = HeightClass.FLOOR, refused: bool = False, full: bool = True
+) -> View:
+    scene = FULL if full else HALF
+    face = TrueFace("A", scene.spec.aisle.models[0].name, LevelPose(1.0, 2.0, 0.0, 1.5), 2.5, 1.8, True)
+    error = None if nees is None else PoseError(face, 0.01, -0.02, 0.0, np.radians(0.1), nees, True)
+    return View(scene, face, height, 0.0, error, refused)
+
+
+def row(section: Section, *first: str) -> dict[str, Value]:
+    names = [column.name for column in section.columns]
+    return next(dict(zip(names, row, strict=True)) for row in section.rows if row[: len(first)] == first)
+
+
+def table(shots: Sequence[ShotViews]) -> Section:
+    return class_table(Method.PAPER, shots, "")
+
+
+def test_each_class_and_size_counts_its_own() -> None:
+    shots = [
+        ShotViews(True, (view(1.0), view(3.0), view(None, refused=True), view(None)), (HeightClass.NEAR,)),
+        ShotViews(True, (view(2.0, HeightClass.SAME),), ()),
+        ShotViews(False, (view(9.0, full=False),), ()),
+    ]
+    floor = row(table(shots), "floor", "full size")
+    assert (floor["views"], floor["recall"], floor["refused"], floor["false/shot"]) == (4, 0.5, 0.25, 0.0)
+    assert row(table(shots), "near", "full size")["false/shot"] == 0.5
+    assert row(table(shots), "same", "full size")["views"] == 1
+    assert row(table(shots), "floor", "half size")["NEES"] == (9.0, 9.0, 9.0)
+    assert len(table(shots).rows) == 4
+
+
+def test_errors_are_in_the_units_of_their_columns() -> None:
+    floor = row(table([ShotViews(True, (view(1.0),), ())]), "floor")
+    assert floor["yaw deg"] == pytest.approx((0.1, 0.1, 0.1))
+    assert floor["depth mm"] == pytest.approx((10.0, 10.0, 10.0))
+    assert floor["along mm"] == pytest.approx((20.0, 20.0, 20.0))
+
+
+def test_nees_is_given_as_mean_median_and_95_percent() -> None:
+    views = tuple(view(float(nees)) for nees in range(101))
+    nees = row(table([ShotViews(True, (*views, view(150.0)), ())]), "floor")["NEES"]
+    assert nees == pytest.approx(((5050 + 150) / 102, 50.5, np.percentile([*range(101), 150], 95)))
+
+
+def test_what_is_not_found_has_no_errors() -> None:
+    floor = row(table([ShotViews(True, (view(None),), ())]), "floor")
+    assert (floor["recall"], floor["NEES"], floor["yaw deg"]) == (0.0, None, None)
+
+
+def test_every_factor_splits_all_views() -> None:
+    views = (view(1.0), view(3.0, HeightClass.NEAR), view(None, full=False), view(2.0, full=False))
+    section = factor_table(Method.PAPER, [ShotViews(True, views, ())])
+    for name in FACTORS:
+        rows = [row for row in section.rows if row[0] == name]
+        assert sum(count for row in rows for count in (row[2], row[6]) if isinstance(count, int)) == len(views)
+    sizes = row(section, "images", "full size")
+    assert (sizes["floor: views"], sizes["other heights: views"]) == (1, 1)
+    assert sizes["their NEES"] == (3.0, 3.0, 3.0)
+
+
+def test_the_parts_of_a_factor_stand_in_their_order() -> None:
+    for factor in ("misfit", "gain", "blur px", "noise", "range m"):
+        scenes = [draw_scene(seed) for seed in range(40)]
+        face = view(1.0).face
+        views = [View(scene, face, HeightClass.FLOOR, 0.1, None, False) for scene in scenes]
+        lows = [float(label.split()[0]) for label in sorted({FACTORS[factor](one) for one in views})]
+        assert lows == sorted(lows)

@@ -1,0 +1,203 @@
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from palletloc.cameras import CameraModel, DualFisheye, Equirectangular, FisheyeLens, KannalaBrandt, Pinhole
+from palletloc.geometry import BoolArray, FloatArray, Image
+from palletloc.pallet import Opening, PalletModel
+from palletloc.pixel_size import pixel_sizes
+from palletloc.plane import PALLET_FROM_VERTICAL
+from palletloc.refinement.cuts import FaceCuts, face_cuts
+from palletloc.refinement.profiles import Profiles, cut_profiles
+
+BOX = PalletModel("box", 1.0, 0.4, 1.0, (Opening(-0.2, 0.1, 0.2, 0.2), Opening(0.2, 0.1, 0.2, 0.2)))
+REACH = 0.03
+Shoots = Callable[..., Image]
+
+
+def lens(cx: float) -> KannalaBrandt:
+    return KannalaBrandt(1200, 600, 175.0, 176.0, cx, 301.0, k1=0.03, k2=-0.012, max_angle=np.radians(96.0))
+
+
+DUAL = DualFisheye(
+    FisheyeLens(lens(298.0), RigidTransform.from_components([0.012, 0, 0], Rotation.from_rotvec([0.01, -0.02, 0]))),
+    FisheyeLens(lens(902.0), RigidTransform.from_components([-0.012, 0, 0], Rotation.from_euler("z", 3.13))),
+)
+SPHERE = Equirectangular(1200, 600)
+VIEWS: dict[str, tuple[CameraModel, float]] = {
+    "equirectangular": (SPHERE, 0.5),
+    "across_the_seam": (SPHERE, 180.0),
+    "beside_the_seam": (SPHERE, -179.0),
+    "pinhole": (Pinhole(640, 400, 320.0, 318.0, 322.0, 199.0), 4.0),
+    "distorted": (Pinhole(640, 400, 330.0, 330.0, 317.0, 204.0, k1=-0.2, k2=0.05, p1=0.002), -3.0),
+    "fisheye": (KannalaBrandt(700, 500, 240.0, 241.0, 349.0, 251.0, k1=0.02, max_angle=1.7), 20.0),
+    "dual_fisheye": (DUAL, 25.0),
+    "dual_fisheye_back": (DUAL, 165.0),
+}
+"""A camera, and the direction in which it sees the face, in degrees."""
+
+
+def facing(direction_deg: float, distance: float = 1.6) -> FloatArray:
+    """The plane of a face that stands in a direction, seen from a little above and aside."""
+    turned = RigidTransform.from_rotation(Rotation.from_euler("z", direction_deg, degrees=True))
+    tilted = RigidTransform.from_components([distance, 0.05, -0.45], Rotation.from_euler("ZYX", [0.12, -0.05, 0.02]))
+    return np.asarray((turned * tilted * PALLET_FROM_VERTICAL).as_matrix())
+
+
+class Read(NamedTuple):
+    """Profiles across a face, and what they were read with."""
+
+    cuts: FaceCuts
+    profiles: Profiles
+    pixel: FloatArray
+    """(lines, 2) pixel sizes across and along."""
+
+    def peaks(self) -> FloatArray:
+        """Where each cut's gradient peaks, in metres."""
+        gradient, offsets = self.profiles.gradient.astype(float), self.profiles.offsets
+        best = np.clip(gradient[:, 1:-1].argmax(axis=1) + 1, 1, len(offsets) - 2)
+        a, b, c = (gradient[np.arange(len(best)), best + k] for k in (-1, 0, 1))
+        step = offsets[1] - offsets[0]
+        return np.asarray((offsets[best] + 0.5 * (a - c) / np.minimum(a - 2 * b + c, -1e-9) * step) * REACH)
+
+    def well_inside(self) -> BoolArray:
+        """Which cuts are none of the pads and farther from the end of their stretch than smoothing goes."""
+        inner = np.zeros(len(self.cuts.line), bool)
+        inner[self.cuts.inner] = True
+        return np.asarray(inner & (self.cuts.end > 3 * self.pixel[self.cuts.line, 1]))
+
+
+def read(camera: CameraModel, image: Image, camera_from_face: FloatArray, model: PalletModel = BOX) -> Read:
+    middle = np.array([[0.0, model.height / 2]] * 2)
+    plane = RigidTransform.from_matrix(camera_from_face)
+    right, up = pixel_sizes(camera, plane, middle, np.eye(2))
+    cuts = face_cuts(model, float(right), float(up), False)
+    pixel = np.where(cuts.level[:, None], [[up, right]], [[right, up]])
+    zero, reach = np.zeros(len(cuts.lines)), np.full(len(cuts.lines), REACH)
+    return Read(cuts, cut_profiles(camera, image, camera_from_face, cuts, zero, reach, pixel), pixel)
+
+
+@pytest.mark.parametrize(("view", "grown"), list(zip(VIEWS, itertools.cycle([0.0061, -0.0043]), strict=False)))
+def test_an_edge_is_found_where_it_is_drawn_through_every_camera(view: str, grown: float, shoot_face: Shoots) -> None:
+    camera, direction = VIEWS[view]
+    camera_from_face = facing(direction)
+    done = read(camera, shoot_face(camera, camera_from_face, BOX, grown), camera_from_face)
+    assert done.profiles.valid.all()
+    inside = done.well_inside()
+    assert inside.sum() > 0.6 * len(done.cuts.inner)
+    wrong = (done.peaks() - grown) / done.pixel[done.cuts.line, 0]
+    by_line = [np.median(wrong[inside & (done.cuts.line == line)]) for line in range(len(done.cuts.lines))]
+    assert np.abs(by_line).max() < 0.2
+    assert np.sqrt(np.mean(np.square(by_line))) < 0.08
+    assert np.percentile(np.abs(wrong[inside]), 95) < 0.22
+
+
+@pytest.mark.parametrize("at_the_seam", [-0.5, -0.1, 0.0, 0.3, 0.5])
+def test_the_seam_changes_nothing_wherever_it_is(at_the_seam: float, shoot_face: Shoots) -> None:
+    plane = facing(0.0)
+    image = shoot_face(SPHERE, plane, BOX)
+    straight = read(SPHERE, image, plane).profiles
+    column = SPHERE.project(np.array([at_the_seam, 0.2]) @ plane[:3, :2].T + plane[:3, 3]).pixels[0]
+    for columns in range(SPHERE.width - round(column) - 2, SPHERE.width - round(column) + 3):
+        turned = facing(-360.0 * columns / SPHERE.width)
+        rolled = read(SPHERE, np.roll(image, columns, axis=1), turned).profiles
+        np.testing.assert_allclose(rolled.gradient, straight.gradient, atol=0.3)
+
+
+def test_colour_and_gray_agree(shoot_face: Shoots) -> None:
+    camera, direction = VIEWS["pinhole"]
+    plane = facing(direction)
+    image = shoot_face(camera, plane, BOX)
+    gray = read(camera, image, plane).profiles.gradient
+    three = read(camera, np.repeat(image[..., None], 3, axis=2), plane).profiles.gradient
+    np.testing.assert_allclose(three, np.sqrt(3.0) * gray, rtol=1e-3, atol=1e-3)
+    for channel in range(3):
+        only = np.full((*image.shape, 3), 128, np.uint8)
+        only[..., channel] = image
+        np.testing.assert_allclose(read(camera, only, plane).profiles.gradient, gray, rtol=1e-3, atol=1e-3)
+
+
+def test_the_negative_has_the_same_profiles(shoot_face: Shoots) -> None:
+    camera, direction = VIEWS["fisheye"]
+    plane = facing(direction)
+    image = shoot_face(camera, plane, BOX)
+    one, other = (read(camera, picture, plane).profiles.gradient for picture in (image, 255 - image))
+    np.testing.assert_allclose(one, other, atol=1e-3)
+
+
+def test_a_shift_moves_the_cuts_with_it(shoot_face: Shoots) -> None:
+    camera, direction = VIEWS["pinhole"]
+    plane = facing(direction)
+    image = shoot_face(camera, plane, BOX)
+    done = read(camera, image, plane)
+    shift = np.where(done.cuts.level, 0.004, -0.007)
+    reach = np.full(len(shift), REACH)
+    moved = done._replace(profiles=cut_profiles(camera, image, plane, done.cuts, shift, reach, done.pixel))
+    inside = done.well_inside()
+    wrong = moved.peaks() + shift[done.cuts.line] - done.peaks()
+    assert np.median(np.abs(wrong[inside]) / done.pixel[done.cuts.line[inside], 0]) < 0.05
+
+
+def test_a_plain_image_has_no_gradient() -> None:
+    camera, direction = VIEWS["distorted"]
+    plain = np.full((camera.height, camera.width, 3), 77, np.uint8)
+    profiles = read(camera, plain, facing(direction)).profiles
+    assert profiles.valid.all()
+    assert np.abs(profiles.gradient).max() < 1e-3
+
+
+def test_profiles_reach_as_far_to_both_sides_and_beyond_for_a_peaks_neighbours(shoot_face: Shoots) -> None:
+    camera, direction = VIEWS["pinhole"]
+    done = read(camera, shoot_face(camera, facing(direction), BOX), facing(direction))
+    offsets = done.profiles.offsets
+    np.testing.assert_allclose(offsets, -offsets[::-1])
+    np.testing.assert_allclose(np.diff(offsets), offsets[1] - offsets[0])
+    assert offsets[-1] > 1.0
+    assert np.isclose(offsets, 1.0).any()
+    assert done.profiles.gradient.shape == (len(done.cuts.line), len(offsets))
+    assert (offsets[1] - offsets[0]) * REACH < done.pixel.min()
+
+
+@pytest.mark.parametrize("direction", [38.0, -40.0])
+def test_cuts_beyond_the_image_are_told_from_those_in_it(direction: float, shoot_face: Shoots) -> None:
+    camera = VIEWS["pinhole"][0]
+    plane = facing(direction)
+    done = read(camera, shoot_face(camera, facing(0.0), BOX), facing(0.0))
+    cut = cut_profiles(
+        camera,
+        np.zeros((camera.height, camera.width), np.uint8),
+        plane,
+        done.cuts,
+        np.zeros(len(done.cuts.lines)),
+        np.full(len(done.cuts.lines), REACH),
+        done.pixel,
+    )
+    outward = REACH * done.cuts.outward[done.cuts.line]
+    ends = [done.cuts.points + part * outward for part in (0.0, 1.0)]
+    seen = [camera.project(points @ plane[:3, :2].T + plane[:3, 3]).valid for points in ends]
+    np.testing.assert_array_equal(cut.valid, seen[0] & seen[1])
+    assert 0.1 < cut.valid.mean() < 0.9
+    assert np.isfinite(cut.gradient).all()
+
+
+def test_what_lies_on_one_stretch_of_a_line_does_not_reach_the_next(shoot_face: Shoots) -> None:
+    camera, direction = VIEWS["pinhole"]
+    plane = facing(direction)
+    whole = shoot_face(camera, plane, BOX)
+    half = shoot_face(camera, plane, replace(BOX, openings=BOX.openings[:1]))
+    one, other = (read(camera, image, plane) for image in (whole, half))
+    left = np.flatnonzero(one.cuts.points[:, 0] < -0.05)
+    mine = np.intersect1d(left, one.cuts.inner)
+    opened = [i for i, line in enumerate(one.cuts.lines) if line.kind.startswith("opening")]
+    mine = mine[np.isin(one.cuts.line[mine], opened)]
+    assert len(mine) > 20
+    np.testing.assert_allclose(one.profiles.gradient[mine], other.profiles.gradient[mine], atol=0.2)
+    right = np.intersect1d(np.flatnonzero(one.cuts.points[:, 0] > 0.05), one.cuts.inner)
+    assert np.abs(one.profiles.gradient[right] - other.profiles.gradient[right]).max() > 10.0

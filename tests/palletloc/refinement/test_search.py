@@ -1,0 +1,228 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from palletloc.cameras import CameraModel, Equirectangular, KannalaBrandt, Pinhole
+from palletloc.candidate import ShotView
+from palletloc.geometry import LevelPose, wrap_angle
+from palletloc.measurement import HeightPrior, Reason
+from palletloc.pallet import PalletModel
+from palletloc.refinement.hypotheses import SearchConfig
+from palletloc.refinement.patch import FacePatch
+from palletloc.refinement.search import Search, search
+
+FLOOR = HeightPrior(0.0, 0.003)
+FAR = SearchConfig(turn_deg=24.0, nearer=0.9, farther=0.9)
+NEAR = SearchConfig()
+PINHOLE = Pinhole(720, 540, 480.0, 480.0, 359.5, 269.5)
+FISHEYE = KannalaBrandt(800, 640, 420.0, 420.0, 399.5, 319.5, k1=0.02, k2=-0.004, max_angle=1.6)
+SPHERE = Equirectangular(2560, 1280)
+CENTER = (0.3, -0.08, 1.85)
+LEFT, RIGHT = np.pi / 2, -np.pi / 2
+Portrait = Callable[..., ShotView]
+Photograph = Callable[..., ShotView]
+
+FLOOR_SCENES = [
+    (PINHOLE, "t11", LevelPose(0.9, 2.0, 0.0, LEFT + 0.03), 1),
+    (PINHOLE, "epal", LevelPose(-0.2, -2.2, 0.0, RIGHT - 0.04), 2),
+    (FISHEYE, "open_below", LevelPose(0.6, 2.3, 0.0, LEFT - 0.02), 3),
+    (FISHEYE, "t11", LevelPose(1.0, -1.9, 0.0, RIGHT + 0.05), 4),
+]
+MORE_SCENES = [
+    (camera, name, LevelPose(x, side * y, 0.0, side * LEFT + turn), seed)
+    for seed, (camera, name, x, y, side, turn) in enumerate(
+        [
+            (SPHERE, "epal", 0.9, 2.0, 1, 0.03),
+            (SPHERE, "open_below", -0.6, 2.4, -1, -0.05),
+            (SPHERE, "t11", 1.5, 1.8, 1, 0.02),
+            (SPHERE, "t11", 1.3, 2.6, -1, 0.0),
+            (SPHERE, "open_below", 0.3, 2.0, 1, 0.04),
+            (SPHERE, "epal", -0.4, 1.7, -1, -0.03),
+        ],
+        10,
+    )
+]
+OFFSETS = [(turn, along) for turn in (-20.0, 20.0) for along in (-0.3, 0.8)] + [(0.0, 0.8), (20.0, 0.0), (-12.0, 0.4)]
+
+
+def aimed(photograph: Photograph, camera: CameraModel, model: PalletModel, pose: LevelPose, seed: int) -> ShotView:
+    """Take a picture of a pallet; a camera that does not see all around looks at it."""
+    x, y, z = np.array([pose.x, pose.y, 0.3]) - CENTER
+    aim = [1.5, 0.9] if camera.period_px else np.degrees([np.arctan2(y, x), np.arctan2(-z, np.hypot(x, y))]).tolist()
+    return photograph(((model, pose),), camera, (*CENTER, *aim, 0.8), seed=seed)
+
+
+def off(shot: ShotView, pose: LevelPose, turn_deg: float, along: float) -> LevelPose:
+    """A start turned against a pose and farther along the level viewing direction."""
+    ray = np.array([pose.x, pose.y]) - shot.mounting.center[:2]
+    x, y = np.array([pose.x, pose.y]) + along * ray / np.linalg.norm(ray)
+    return replace(pose, x=float(x), y=float(y), yaw=float(pose.yaw + np.radians(turn_deg)))
+
+
+def looked(
+    shot: ShotView,
+    start: LevelPose,
+    model: PalletModel,
+    height: HeightPrior | None = FLOOR,
+    config: SearchConfig = FAR,
+) -> Search | Reason:
+    return search(shot.projector, shot.image, shot.mounting, start, model, height, config)
+
+
+def apart(one: LevelPose, other: LevelPose) -> tuple[float, float]:
+    """The distance in metres and the angle in degrees between two poses."""
+    difference = one.as_array() - other.as_array()
+    return float(np.linalg.norm(difference[:3])), abs(float(np.degrees(wrap_angle(difference[3]))))
+
+
+def missed(
+    shot: ShotView, model: PalletModel, pose: LevelPose, offsets: list[tuple[float, float]] = OFFSETS
+) -> list[str]:
+    """Tell from which starts neither of the first two places is the pallet's."""
+    lost = []
+    for turn_deg, along in offsets:
+        found = looked(shot, off(shot, pose, turn_deg, along), model)
+        if isinstance(found, Reason):
+            lost.append(f"{turn_deg} deg, {along} m: {found}")
+            continue
+        away = [apart(start, pose) for start, _ in found.starts[:2]]
+        if not any(metres < 0.08 and degrees < 4.0 for metres, degrees in away):
+            lost.append(f"{turn_deg} deg, {along} m: {np.round(away, 2).tolist()}")
+    return lost
+
+
+@pytest.mark.parametrize(("camera", "name", "pose", "seed"), FLOOR_SCENES)
+def test_far_starts_lead_to_the_pallet_by_the_first_or_second_place(
+    camera: CameraModel,
+    name: str,
+    pose: LevelPose,
+    seed: int,
+    photograph: Photograph,
+    request: pytest.FixtureRequest,
+) -> None:
+    model: PalletModel = request.getfixturevalue(name)
+    assert missed(aimed(photograph, camera, model, pose, seed), model, pose) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("camera", "name", "pose", "seed"), MORE_SCENES)
+def test_far_starts_lead_to_the_pallet_in_pictures_from_all_around(
+    camera: CameraModel,
+    name: str,
+    pose: LevelPose,
+    seed: int,
+    photograph: Photograph,
+    request: pytest.FixtureRequest,
+) -> None:
+    model: PalletModel = request.getfixturevalue(name)
+    shot = aimed(photograph, camera, model, pose, seed)
+    every = [(turn, along) for turn in (-20.0, -10.0, 0.0, 10.0, 20.0) for along in (-0.3, 0.0, 0.4, 0.8)]
+    assert missed(shot, model, pose, every) == []
+
+
+@pytest.mark.parametrize(("turn_deg", "along"), [(0.0, 0.0), (4.0, 0.06), (-4.0, -0.06)])
+def test_near_starts_lead_to_the_pallet_at_once(
+    turn_deg: float, along: float, portrait: Portrait, epal: PalletModel
+) -> None:
+    pose = LevelPose(0.9, 2.0, 0.0, LEFT + 0.02)
+    shot = portrait(epal, pose)
+    found = looked(shot, off(shot, pose, turn_deg, along), epal, config=NEAR)
+    assert isinstance(found, Search)
+    metres, degrees = apart(found.starts[0][0], pose)
+    assert metres < 0.03
+    assert degrees < 2.5
+
+
+def test_on_a_known_level_every_place_is_on_it_whatever_the_start_says(portrait: Portrait, t11: PalletModel) -> None:
+    pose = LevelPose(0.9, 2.0, 0.0, LEFT + 0.02)
+    shot = portrait(t11, pose)
+    found = looked(shot, replace(pose, z=0.04), t11, config=NEAR)
+    assert isinstance(found, Search)
+    assert {start.z for start, _ in found.starts} == {0.0}
+
+
+@pytest.mark.parametrize("rise", [-0.04, 0.04])
+def test_without_a_level_the_viewing_ray_is_found(rise: float, portrait: Portrait, epal: PalletModel) -> None:
+    pose = LevelPose(0.9, 2.0, 0.0, LEFT + 0.02)
+    shot = portrait(epal, pose)
+    found = looked(shot, replace(pose, z=rise), epal, None, NEAR)
+    assert isinstance(found, Search)
+    ray = pose.as_array()[:3] - shot.mounting.center
+    across = []
+    for start, _ in found.starts:
+        difference = start.as_array()[:3] - pose.as_array()[:3]
+        across.append(float(np.linalg.norm(difference - (difference @ ray) / (ray @ ray) * ray)))
+    assert min(across[:2]) < 0.03
+
+
+def test_every_place_comes_with_a_view_in_which_the_face_lies(portrait: Portrait, t11: PalletModel) -> None:
+    pose = LevelPose(0.9, 2.0, 0.0, LEFT + 0.02)
+    shot = portrait(t11, pose)
+    half, high = t11.width / 2, t11.height
+    corners = np.array([[-half, 0.0], [half, 0.0], [-half, high], [half, high]])
+    for config in (NEAR, replace(NEAR, turn_deg=15.0, nearer=0.3, farther=0.3)):
+        found = looked(shot, pose, t11, config=config)
+        assert isinstance(found, Search)
+        for start, patch in found.starts:
+            assert isinstance(patch, FacePatch)
+            grid = patch.view.grid
+            at = grid.pixels(patch.appearing(start, corners))
+            assert (at > 0).all()
+            assert (at < [grid.columns - 1, grid.rows - 1]).all()
+
+
+def test_places_are_given_the_best_first(portrait: Portrait, t11: PalletModel) -> None:
+    pose = LevelPose(0.9, 2.0, 0.0, LEFT + 0.02)
+    shot = portrait(t11, pose)
+    found = looked(shot, pose, t11, config=NEAR)
+    assert isinstance(found, Search)
+    scores = [peak.score for peak in found.found.peaks]
+    assert scores == sorted(scores, reverse=True)
+    assert len(found.starts) >= 1
+
+
+@pytest.mark.parametrize("height", [FLOOR, None], ids=["level", "free"])
+def test_it_looks_as_far_as_it_is_told(height: HeightPrior | None, floor_shot: ShotView, t11: PalletModel) -> None:
+    pose = LevelPose(0.9, 2.0, 0.0, LEFT + 0.02)
+    config = SearchConfig(turn_deg=11.0, nearer=0.2, farther=0.5, sideways=0.03, upward=0.05)
+    found = looked(floor_shot, pose, t11, height, config)
+    assert isinstance(found, Search)
+    grid = found.found.grid
+    away = float(np.linalg.norm(np.array([pose.x, pose.y]) - floor_shot.mounting.center[:2]))
+    np.testing.assert_allclose(np.degrees(grid.turns[[0, -1]]), [-11.0, 11.0])
+    np.testing.assert_allclose((grid.ranges[[0, -1]] - 1) * away, [-0.2, 0.5], atol=1e-6)
+    np.testing.assert_allclose(grid.places[[0, -1]], [-0.03, 0.03])
+    np.testing.assert_allclose(grid.rises[[0, -1]], [0.0, 0.0] if height else [-0.05, 0.05])
+    assert grid.sliding is (height is None)
+
+
+@pytest.mark.parametrize("fill", [0, 90, 255])
+def test_a_plain_image_has_no_peak(fill: int, portrait: Portrait, t11: PalletModel) -> None:
+    pose = LevelPose(0.9, 2.0, 0.0, LEFT + 0.02)
+    shot = portrait(t11, pose)
+    plain = replace(shot, image=np.full_like(shot.image, fill))
+    assert looked(plain, pose, t11) is Reason.NO_PEAK
+
+
+def test_from_behind_and_out_of_the_image_there_is_nothing_to_look_at(portrait: Portrait, t11: PalletModel) -> None:
+    pose = LevelPose(0.9, 2.0, 0.0, LEFT + 0.02)
+    shot = portrait(t11, pose)
+    assert looked(shot, replace(pose, yaw=RIGHT), t11) is Reason.BEHIND_FACE
+    assert looked(shot, replace(pose, x=0.3, y=0.05), t11) is Reason.BEHIND_FACE
+    assert looked(shot, replace(pose, x=4.5), t11) is Reason.OUT_OF_VIEW
+    assert looked(shot, LevelPose(0.3, -2.5, 0.0, RIGHT), t11) is Reason.OUT_OF_VIEW
+
+
+@pytest.mark.parametrize("turn_deg", [24.0, -24.0])
+def test_however_near_the_camera_a_start_lies_the_search_ends_with_a_result_or_a_reason(
+    turn_deg: float, rack_shot: ShotView, t11: PalletModel
+) -> None:
+    x, y, z = rack_shot.mounting.center.tolist()
+    for away in (0.21, 0.5, 1.5):
+        for up in (-z, -0.1, 0.5):
+            start = LevelPose(x + 0.3, y + away, z + up, LEFT + float(np.radians(turn_deg)))
+            assert isinstance(looked(rack_shot, start, t11, None, FAR), Search | Reason)

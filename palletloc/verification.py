@@ -15,15 +15,15 @@ from palletloc.geometry import FloatArray, LevelPose
 from palletloc.measurement import Reason
 from palletloc.pallet import PalletModel
 
-CONTRAST, SCORE, COVERAGE, DOUBT = 1.5, 5.0, 3.0, -0.8
+CONTRAST, SCORE, COVERAGE, DOUBT = 1.5, 5.0, 4.0, -0.8
 """Evidence per factor e of contrast and of doubt, and per unit of score and coverage, in nats.
 
 About the logarithm of how much more often pallets show such a value than other places do, over synthetic scenes of
 all kinds of light, pallets, cameras and noise.
 """
-USUAL_CONTRAST, USUAL_SCORE, USUAL_COVERAGE, USUAL_DOUBT = 2.0, 0.5, 0.6, 3.0
+USUAL_CONTRAST, USUAL_SCORE, USUAL_COVERAGE, USUAL_DOUBT = 2.0, 0.5, 0.65, 3.0
 """What pallets and other places show equally often."""
-CLEAR_CONTRAST = 10.0
+CLEAR_CONTRAST = 4.0
 """Contrast from which on more says nothing more."""
 
 
@@ -33,7 +33,7 @@ class VerificationConfig:
 
     min_promise: float = 0.45
     """Least product of a detection's score and its contrast for it to be measured."""
-    min_rank: float = 0.5
+    min_rank: float = 0.65
     """Least probability that it is a pallet."""
     certain: float = 0.9
     """Probability from which on no other candidate is tried in a pallet's place."""

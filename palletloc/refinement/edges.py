@@ -12,9 +12,17 @@ from palletloc.edge_fit import EdgeFit, EdgePeaks, fit_edges
 from palletloc.face import EdgeKind, EdgeShift, FaceEdge, edge_shift, face_lines
 from palletloc.geometry import FloatArray, Image
 from palletloc.pallet import PalletModel
-from palletloc.refinement.cuts import FaceCuts, face_cuts
-from palletloc.refinement.profiles import Profiles, cut_profiles
+from palletloc.refinement.cuts import face_cuts
+from palletloc.refinement.profiles import Profiles, Samples, cut_profiles
 
+SMOOTHING_PX = 1.0
+"""Standard deviation of the smoothing along an edge, in pixels of the image."""
+FAINT_SMOOTHING_PX = 3.0
+"""The same for an edge that is not clearly seen otherwise."""
+CLEAR_COVERAGE = 0.5
+"""Part of an edge that is seen where it is clear."""
+MOST_CLEAR = 0.7
+"""Part of the edges that are clear in a good image: there, an edge that is not clear is not there."""
 END_PIXELS = 1.0
 """How many pixels of the image at each end of an edge are left out."""
 LEAST_REACH = 0.75
@@ -122,11 +130,9 @@ def measure_face(
     profiles = cut_profiles(camera, image, camera_from_face, cuts, mean, far, pixel)
     if not profiles.valid.all():
         return None
-    peaks = _peaks(cuts, profiles, far, pixel[:, 1])
-    lengths = np.array([line.whole.length for line in cuts.lines])
-    # an upright edge stays upright: only level ones may tilt, by the yaw
-    tilt = np.where(cuts.level, np.inf, 0.5 * across / lengths)
-    fits = fit_edges(peaks, across, pixel[:, 1], far, tilt)
+    fits = _fits(profiles, SMOOTHING_PX)
+    if sum(fit is not None and fit.coverage >= CLEAR_COVERAGE for fit in fits) < MOST_CLEAR * len(fits):
+        fits = [_clearer(*both) for both in zip(fits, _fits(profiles, FAINT_SMOOTHING_PX), strict=True)]
     edges = tuple(
         MeasuredEdge(line.whole, fit, _sigma(line.whole, fit, model, size), shift, size)
         for line, fit, shift, size in zip(cuts.lines, fits, shifts, across.tolist(), strict=True)
@@ -156,9 +162,25 @@ def _rung(size: float) -> float:
     return float(2.0 ** (round(2 * np.log2(size)) / 2))
 
 
-def _peaks(cuts: FaceCuts, profiles: Profiles, reach: FloatArray, along: FloatArray) -> EdgePeaks:
+def _fits(profiles: Profiles, along_px: float) -> list[EdgeFit | None]:
+    """Return a line through the peaks of each edge, with the image smoothed along the edges by so many pixels."""
+    cuts, across, along = profiles.cuts, profiles.pixel[:, 0], profiles.pixel[:, 1]
+    lengths = np.array([line.whole.length for line in cuts.lines])
+    # an upright edge stays upright: only level ones may tilt, by the yaw
+    tilt = np.where(cuts.level, np.inf, 0.5 * across / lengths)
+    return fit_edges(_peaks(profiles, profiles.gradient(along_px)), across, along, profiles.reach, tilt)
+
+
+def _clearer(fine: EdgeFit | None, smooth: EdgeFit | None) -> EdgeFit | None:
+    """Return the fit of a faint edge that covers more of it."""
+    if fine is None or smooth is None:
+        return smooth if fine is None else fine
+    return fine if fine.coverage >= min(CLEAR_COVERAGE, smooth.coverage) else smooth
+
+
+def _peaks(profiles: Profiles, gradient: Samples) -> EdgePeaks:
     """Return the strongest true local maximum on each cut: the end of a slope would only return the prediction."""
-    gradient = profiles.gradient
+    cuts = profiles.cuts
     left, middle, right = gradient[:, :-2], gradient[:, 1:-1], gradient[:, 2:]
     offsets = profiles.offsets[1:-1]
     peak = np.where((middle > left) & (middle >= right) & (np.abs(offsets) <= 1 + 1e-9), middle, np.float32(0.0))
@@ -166,8 +188,8 @@ def _peaks(cuts: FaceCuts, profiles: Profiles, reach: FloatArray, along: FloatAr
     row = np.arange(len(best))
     a, b, c = (part[row, best].astype(np.float64) for part in (left, middle, right))
     shift = np.clip(0.5 * (a - c) / np.minimum(a - 2 * b + c, -1e-9), -0.5, 0.5)
-    offset = (offsets[best] + shift * (offsets[1] - offsets[0])) * reach[cuts.line]
-    trimmed = cuts.end < np.minimum(END_PIXELS * along[cuts.line], cuts.shortest)
+    offset = (offsets[best] + shift * (offsets[1] - offsets[0])) * profiles.reach[cuts.line]
+    trimmed = cuts.end < np.minimum(END_PIXELS * profiles.pixel[cuts.line, 1], cuts.shortest)
     strength = np.where(trimmed, -1.0, peak[row, best])
     return EdgePeaks(cuts.by_line(cuts.along, 0.0), cuts.by_line(offset, 0.0), cuts.by_line(strength, -1.0))
 

@@ -18,8 +18,8 @@ MARGIN = 2
 """Samples beyond the reach at each end of a profile: a peak needs neighbours."""
 MOST_SAMPLES = 40
 """Most samples within the reach on each side."""
-SMOOTHING_PX = (0.6, 1.0)
-"""Standard deviations of the smoothing across and along a line, in pixels of the image."""
+SMOOTHING_PX = 0.6
+"""Standard deviation of the smoothing across a line, in pixels of the image."""
 
 Samples = NDArray[np.float32]
 """Float32 array."""
@@ -27,14 +27,45 @@ Samples = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True)
 class Profiles:
-    """How fast the image changes along each cut."""
+    """The image along each cut."""
 
-    gradient: Samples
-    """(n, samples) absolute derivative across the line, the norm over the colour channels."""
+    cuts: FaceCuts
+    """The cuts."""
+    sampled: Samples
+    """(n, samples) or (n, samples, 3) gray levels or colours."""
     offsets: FloatArray
     """(samples,) positions along a cut, in parts of the reach."""
     valid: BoolArray
     """(n,) whether the camera sees the whole cut."""
+    reach: FloatArray
+    """(lines,) how far cuts go to each side, in metres."""
+    pixel: FloatArray
+    """(lines, 2) size of a pixel across and along each line, in metres."""
+
+    def gradient(self, along_px: float) -> Samples:
+        """Return how fast the image changes across each line.
+
+        Parameters
+        ----------
+        along_px : float
+            Standard deviation of the smoothing along a line, in pixels of the image.
+
+        Returns
+        -------
+        (n, samples) array
+            Absolute derivative, the norm over the colour channels, in gray levels per sample.
+        """
+        gradient = np.empty(self.sampled.shape[:2], np.float32)
+        for lines in (self.cuts.level, ~self.cuts.level):
+            if lines.any():
+                here = lines[self.cuts.line]
+                across, along = self.pixel[lines].mean(axis=0)
+                apart = float(self.reach[lines].mean()) * float(self.offsets[1] - self.offsets[0])
+                spacing = float(self.cuts.spacing[lines].mean())
+                gradient[here] = _derivative(
+                    self.sampled[here], SMOOTHING_PX * across / apart, along_px * along / spacing
+                )
+        return gradient
 
 
 def cut_profiles(
@@ -46,7 +77,7 @@ def cut_profiles(
     reach: FloatArray,
     pixel: FloatArray,
 ) -> Profiles:
-    """Sample the image along cuts and differentiate.
+    """Sample the image along cuts.
 
     Parameters
     ----------
@@ -76,14 +107,7 @@ def cut_profiles(
     columns, rows = ((middle[:, axis, None] + steps * away[:, axis, None]).astype(np.float32) for axis in (0, 1))
     border = cv2.BORDER_REPLICATE if camera.period_px is None else cv2.BORDER_WRAP
     sampled = np.asarray(cv2.remap(image, columns, rows, cv2.INTER_LINEAR, borderMode=border), dtype=np.float32)
-    gradient = np.empty(columns.shape, np.float32)
-    for lines in (cuts.level, ~cuts.level):
-        if lines.any():
-            here = lines[cuts.line]
-            across, along = SMOOTHING_PX * pixel[lines].mean(axis=0)
-            apart = float(reach[lines].mean()) / half
-            gradient[here] = _derivative(sampled[here], across / apart, along / float(cuts.spacing[lines].mean()))
-    return Profiles(gradient, steps, valid)
+    return Profiles(cuts, sampled, steps, valid, reach, pixel)
 
 
 def _places(

@@ -21,8 +21,6 @@ MOST_ATTEMPTS = 3
 """How many starts are tried where only the face gives yaw or distance."""
 NATS_PER_EDGE = 2.0
 """How much less likely, as a logarithm, each missing or contradicting edge makes a pose."""
-NATS_OF_SCORE = 5.0
-"""How much more likely full agreement with the drawing makes a pose than none, as a logarithm."""
 GLANCE_CONTRAST = 0.9
 """Contrast of openings and blocks below which a start shows no pallet, in spreads of the blocks."""
 
@@ -62,14 +60,14 @@ def keep_best(
     for start, patch in starts:
         if any(one.pose is not None and _near(start, one.pose) for one in attempts):
             continue  # it would lead to the same pose
-        if 0 < _contrast(patch, start, candidate) < GLANCE_CONTRAST:
-            continue  # most places that are not a pallet end here; of those that are not wholly seen, the fit tells
+        if _contrast(patch, start, candidate) < GLANCE_CONTRAST:
+            continue  # most places that are not a pallet end here; of a face that is not wholly seen the fit tells
         attempt = replace(candidate, horizontal=list(candidate.horizontal))
         _fit(shot, attempt, prepare(attempt, start), patch, config)
         attempts.append(attempt)
-        certain = attempt.face is not None and attempt.face.doubt < config.face_fit.max_doubt
-        confirmed = any(_agree(attempt, one) for one in attempts[:-1])
-        if confirmed or (certain and (not weak or len(attempts) == MOST_ATTEMPTS)):
+        doubt = np.inf if attempt.face is None else attempt.face.doubt
+        certain = not weak and doubt < config.face_fit.max_doubt
+        if certain or len(attempts) == MOST_ATTEMPTS or any(_agree(attempt, one) for one in attempts[:-1]):
             break
     if not attempts:
         return candidate.refuse(Stage.VERIFICATION, Reason.LOW_CONTRAST)
@@ -87,7 +85,7 @@ def keep_best(
 
 
 def _contrast(patch: FacePatch, pose: LevelPose, candidate: Candidate) -> float:
-    """Return how clearly the less clear opening differs from the blocks beside it."""
+    """Return how clearly the less clear opening differs from the blocks beside it, NaN where that is not seen."""
     return float(opening_contrasts(patch, candidate.model, pose).min())
 
 
@@ -107,7 +105,7 @@ def _fit(shot: ShotView, candidate: Candidate, pose: LevelPose, patch: FacePatch
     candidate.face = face
     found = face.forklift_from_pallet
     candidate.pose, candidate.covariance = found, face.covariance
-    contrast, score = _contrast(patch, found, candidate), score_pose(patch, model, found)
+    contrast, score = float(np.nan_to_num(_contrast(patch, found, candidate))), score_pose(patch, model, found)
     candidate.verification = verify(contrast, face.coverage, score, face.doubt, config.verification)
     if candidate.height is not None and abs(found.z - height.z) > 4 * height.sigma:
         return candidate.refuse(Stage.VERIFICATION, Reason.OFF_LEVEL)
@@ -127,7 +125,7 @@ def _likelihood(attempt: Candidate) -> float:
     """Return the logarithm of how well an attempt explains the image, against other attempts."""
     if attempt.face is None or attempt.verification is None:
         return -np.inf
-    return NATS_OF_SCORE * attempt.verification.score - NATS_PER_EDGE * attempt.face.doubt
+    return attempt.verification.evidence - NATS_PER_EDGE * attempt.face.doubt
 
 
 def _widen(best: Candidate, growth: float, attempts: Sequence[Candidate]) -> None:

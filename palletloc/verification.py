@@ -59,9 +59,14 @@ class Verification:
     """Why it is not a pallet; None where it is one."""
 
     @property
+    def evidence(self) -> float:
+        """How much all signs together speak for a pallet, in nats."""
+        return sum(_evidence(self.contrast, self.coverage, self.score, self.doubt))
+
+    @property
     def rank(self) -> float:
         """Probability that it is a pallet, where places with and without one are equally frequent."""
-        return float(1 / (1 + np.exp(-sum(_evidence(self.contrast, self.coverage, self.score, self.doubt)))))
+        return float(1 / (1 + np.exp(-self.evidence)))
 
 
 def verify(contrast: float, coverage: float, score: float, doubt: float, config: VerificationConfig) -> Verification:

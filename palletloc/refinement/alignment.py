@@ -37,7 +37,7 @@ class FaceFitConfig:
     """The same in pixels of the camera's image: the larger holds."""
     first_reach: float = 0.022
     """How far upright edges, which have no neighbours, are looked for at first, in metres."""
-    iterations: int = 5
+    iterations: int = 4
     """Most rounds of measuring, each where the last fit says."""
     min_coverage: float = 0.3
     """Least part of an edge that must be seen for it to count."""
@@ -134,7 +134,7 @@ def fit_face(
         if plane_from_camera[2] < MIN_DISTANCE:
             return Reason.BEHIND_FACE
         upright = max(config.reach, config.first_reach / 2**i)
-        reach = EdgeReach(config.reach, upright, config.reach_px, 1.0, i > 0)
+        reach = EdgeReach(config.reach, upright, config.reach_px, 1.5, i > 0, i > 0)
         seen = measure_face(camera, image, camera_from_forklift @ face, plane_from_camera, model, reach)
         if seen is None:
             return Reason.OUT_OF_VIEW

@@ -36,7 +36,7 @@ def opening_contrasts(patch: FacePatch, model: PalletModel, pose: LevelPose) -> 
     (openings,) array
         Median distance of an opening's colours from the mean of the two blocks beside it, over the spread of those
         (within and between them). About 1 where there is no opening; what is seen through one may be dark and
-        bright at once, so its mean colour says little. 0 where the view does not reach.
+        bright at once, so its mean colour says little. NaN where the view does not reach.
     """
     points = _points(model)
     pixels = np.rint(patch.view.grid.pixels(patch.appearing(pose, points.reshape(-1, 2)))).astype(np.intp)
@@ -44,7 +44,7 @@ def opening_contrasts(patch: FacePatch, model: PalletModel, pose: LevelPose) -> 
     column, row = pixels.T
     inside = (column >= 0) & (row >= 0) & (column < columns) & (row < rows)
     if not inside.all() or not patch.view.valid[row, column].all():
-        return np.zeros(len(model.openings))
+        return np.full(len(model.openings), np.nan)
     seen = patch.smooth[row, column].reshape(*points.shape[:2], -1).astype(np.float64)
     count = len(model.blocks)
     mean = seen[:count].mean(axis=1)

@@ -79,6 +79,8 @@ class EdgeReach:
     """The same in pixels of the image: the larger holds."""
     spacing: float = 1.0
     """About how far cuts across an edge are apart, in pixels of the image."""
+    faint: bool = True
+    """Whether faint edges are looked for, too."""
     own_half: bool = False
     """Whether to stop half-way to the next parallel line: beyond, a peak is that line's."""
 
@@ -131,7 +133,7 @@ def measure_face(
     if not profiles.valid.all():
         return None
     fits = _fits(profiles, SMOOTHING_PX)
-    if sum(fit is not None and fit.coverage >= CLEAR_COVERAGE for fit in fits) < MOST_CLEAR * len(fits):
+    if reach.faint and sum(fit is not None and fit.coverage >= CLEAR_COVERAGE for fit in fits) < MOST_CLEAR * len(fits):
         fits = [_clearer(*both) for both in zip(fits, _fits(profiles, FAINT_SMOOTHING_PX), strict=True)]
     edges = tuple(
         MeasuredEdge(line.whole, fit, _sigma(line.whole, fit, model, size), shift, size)

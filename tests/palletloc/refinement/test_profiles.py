@@ -61,7 +61,7 @@ class Read(NamedTuple):
 
     def peaks(self) -> FloatArray:
         """Where each cut's gradient peaks, in metres."""
-        gradient, offsets = self.profiles.gradient.astype(float), self.profiles.offsets
+        gradient, offsets = self.profiles.gradient(1.0).astype(float), self.profiles.offsets
         best = np.clip(gradient[:, 1:-1].argmax(axis=1) + 1, 1, len(offsets) - 2)
         a, b, c = (gradient[np.arange(len(best)), best + k] for k in (-1, 0, 1))
         step = offsets[1] - offsets[0]
@@ -108,27 +108,27 @@ def test_the_seam_changes_nothing_wherever_it_is(at_the_seam: float, shoot_face:
     for columns in range(SPHERE.width - round(column) - 2, SPHERE.width - round(column) + 3):
         turned = facing(-360.0 * columns / SPHERE.width)
         rolled = read(SPHERE, np.roll(image, columns, axis=1), turned).profiles
-        np.testing.assert_allclose(rolled.gradient, straight.gradient, atol=0.3)
+        np.testing.assert_allclose(rolled.gradient(1.0), straight.gradient(1.0), atol=0.3)
 
 
 def test_colour_and_gray_agree(shoot_face: Shoots) -> None:
     camera, direction = VIEWS["pinhole"]
     plane = facing(direction)
     image = shoot_face(camera, plane, BOX)
-    gray = read(camera, image, plane).profiles.gradient
-    three = read(camera, np.repeat(image[..., None], 3, axis=2), plane).profiles.gradient
+    gray = read(camera, image, plane).profiles.gradient(1.0)
+    three = read(camera, np.repeat(image[..., None], 3, axis=2), plane).profiles.gradient(1.0)
     np.testing.assert_allclose(three, np.sqrt(3.0) * gray, rtol=1e-3, atol=1e-3)
     for channel in range(3):
         only = np.full((*image.shape, 3), 128, np.uint8)
         only[..., channel] = image
-        np.testing.assert_allclose(read(camera, only, plane).profiles.gradient, gray, rtol=1e-3, atol=1e-3)
+        np.testing.assert_allclose(read(camera, only, plane).profiles.gradient(1.0), gray, rtol=1e-3, atol=1e-3)
 
 
 def test_the_negative_has_the_same_profiles(shoot_face: Shoots) -> None:
     camera, direction = VIEWS["fisheye"]
     plane = facing(direction)
     image = shoot_face(camera, plane, BOX)
-    one, other = (read(camera, picture, plane).profiles.gradient for picture in (image, 255 - image))
+    one, other = (read(camera, picture, plane).profiles.gradient(1.0) for picture in (image, 255 - image))
     np.testing.assert_allclose(one, other, atol=1e-3)
 
 
@@ -150,7 +150,7 @@ def test_a_plain_image_has_no_gradient() -> None:
     plain = np.full((camera.height, camera.width, 3), 77, np.uint8)
     profiles = read(camera, plain, facing(direction)).profiles
     assert profiles.valid.all()
-    assert np.abs(profiles.gradient).max() < 1e-3
+    assert np.abs(profiles.gradient(1.0)).max() < 1e-3
 
 
 def test_profiles_reach_as_far_to_both_sides_and_beyond_for_a_peaks_neighbours(shoot_face: Shoots) -> None:
@@ -161,7 +161,7 @@ def test_profiles_reach_as_far_to_both_sides_and_beyond_for_a_peaks_neighbours(s
     np.testing.assert_allclose(np.diff(offsets), offsets[1] - offsets[0])
     assert offsets[-1] > 1.0
     assert np.isclose(offsets, 1.0).any()
-    assert done.profiles.gradient.shape == (len(done.cuts.line), len(offsets))
+    assert done.profiles.gradient(1.0).shape == (len(done.cuts.line), len(offsets))
     assert (offsets[1] - offsets[0]) * REACH < done.pixel.min()
 
 
@@ -184,7 +184,7 @@ def test_cuts_beyond_the_image_are_told_from_those_in_it(direction: float, shoot
     seen = [camera.project(points @ plane[:3, :2].T + plane[:3, 3]).valid for points in ends]
     np.testing.assert_array_equal(cut.valid, seen[0] & seen[1])
     assert 0.1 < cut.valid.mean() < 0.9
-    assert np.isfinite(cut.gradient).all()
+    assert np.isfinite(cut.gradient(1.0)).all()
 
 
 def test_what_lies_on_one_stretch_of_a_line_does_not_reach_the_next(shoot_face: Shoots) -> None:
@@ -198,6 +198,6 @@ def test_what_lies_on_one_stretch_of_a_line_does_not_reach_the_next(shoot_face: 
     opened = [i for i, line in enumerate(one.cuts.lines) if line.kind.startswith("opening")]
     mine = mine[np.isin(one.cuts.line[mine], opened)]
     assert len(mine) > 20
-    np.testing.assert_allclose(one.profiles.gradient[mine], other.profiles.gradient[mine], atol=0.2)
+    np.testing.assert_allclose(one.profiles.gradient(1.0)[mine], other.profiles.gradient(1.0)[mine], atol=0.2)
     right = np.intersect1d(np.flatnonzero(one.cuts.points[:, 0] > 0.05), one.cuts.inner)
-    assert np.abs(one.profiles.gradient[right] - other.profiles.gradient[right]).max() > 10.0
+    assert np.abs(one.profiles.gradient(1.0)[right] - other.profiles.gradient(1.0)[right]).max() > 10.0

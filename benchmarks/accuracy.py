@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +14,11 @@ from benchmarks.tables import Column, Section, Value
 from palletloc.config import Method
 from palletloc.evaluation.errors import ShotErrors, recording_errors
 from palletloc.evaluation.summary import FAR_BELOW, Spread, summarize
+from palletloc.io.atomic import write_bytes
+from palletloc.io.recording import Recording
 from palletloc.io.truth import Truth, read_truth
 from palletloc.measurement import PalletMeasurement
-from palletloc.offline import read_job
+from palletloc.offline import Job, read_job
 from palletloc.pallet_library import load_library
 
 PARTS = {
@@ -24,6 +26,8 @@ PARTS = {
     "other heights": (-math.inf, FAR_BELOW),
 }
 """Least and greatest height of the camera above the pallets' lower edges, in metres."""
+ORDER = (Method.PAPER, Method.HORIZONTAL_PLANE, Method.JOINT_SEARCH, Method.REFINED)
+"""The methods from the paper's on, in tables and figures."""
 
 _COLUMNS = (
     Column("pallets"),
@@ -39,7 +43,7 @@ _COLUMNS = (
 )
 
 
-def measure_accuracy(folders: Sequence[Path], console: Console) -> list[Section]:
+def measure_accuracy(folders: Sequence[Path], console: Console, figures: Path | None = None) -> list[Section]:
     """Compare the methods on recordings.
 
     Parameters
@@ -48,6 +52,8 @@ def measure_accuracy(folders: Sequence[Path], console: Console) -> list[Section]
         The recordings, with truth.
     console : Console
         Shows progress.
+    figures : Path, optional
+        Gets ``methods_RECORDING.png`` for each recording; made if missing.
 
     Returns
     -------
@@ -57,28 +63,45 @@ def measure_accuracy(folders: Sequence[Path], console: Console) -> list[Section]
     Raises
     ------
     PalletLocError
-        If a recording or its truth cannot be read.
+        If a recording or its truth cannot be read, or a figure cannot be written.
     """
-    return [_section(folder, read_truth(folder), console) for folder in folders]
+    return [_section(folder, read_truth(folder), console, figures) for folder in folders]
 
 
-def _section(folder: Path, truth: Truth, console: Console) -> Section:
-    shots = {method: _shot_errors(folder, method, truth, console) for method in Method}
+def _section(folder: Path, truth: Truth, console: Console, figures: Path | None) -> Section:
+    jobs = {method: read_job(folder, method) for method in ORDER}
+    runs = {method: _measured(job, f"{folder.name}, {method}", console) for method, job in jobs.items()}
+    if figures is not None:
+        _draw(jobs[Method.PAPER].recording, truth, runs, figures)
+    shots = {method: _shot_errors(jobs[method], measured, truth) for method, measured in runs.items()}
     rows = [
         _row(part, method, [shot.between(*heights) for shot in shots[method]])
         for part, heights in PARTS.items()
-        for method in Method
+        for method in ORDER
     ]
     note = f"{len(shots[Method.PAPER])} shots; errors as median / 95 % / largest of the absolute values."
     return Section(f"Accuracy on {folder.name}", _COLUMNS, tuple(rows), note)
 
 
-def _shot_errors(folder: Path, method: Method, truth: Truth, console: Console) -> list[ShotErrors]:
-    job = read_job(folder, method)
+def _measured(job: Job, label: str, console: Console) -> list[PalletMeasurement]:
     measured: list[PalletMeasurement] = []
-    label, quiet = f"{folder.name}, {method}", not console.is_terminal
+    quiet = not console.is_terminal
     for number in track(range(len(job.shots)), label, console=console, transient=True, disable=quiet):
         measured += job.explain(number)[1].measurements
+    return measured
+
+
+def _draw(
+    recording: Recording, truth: Truth, runs: Mapping[Method, Sequence[PalletMeasurement]], figures: Path
+) -> None:
+    from palletloc.drawing.canvas import small_png  # drawing is slow to import
+    from palletloc.report.method_figure import method_figure
+
+    figure = method_figure(recording, truth, {str(method): measured for method, measured in runs.items()})
+    write_bytes(figures / f"methods_{recording.folder.name}.png", small_png(figure))
+
+
+def _shot_errors(job: Job, measured: Sequence[PalletMeasurement], truth: Truth) -> list[ShotErrors]:
     recording = job.recording
     models = load_library() | {model.name: model for model in recording.models}
     return recording_errors(

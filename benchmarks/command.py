@@ -33,7 +33,10 @@ def run(arguments: Sequence[str]) -> int:
     int
         Exit code: 0 on success, 1 on bad input, which one line on standard error describes.
     """
-    options = _parser().parse_args(arguments)
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    if options.figure and not options.accuracy:
+        parser.error("--figure needs --accuracy")
     cv2.setNumThreads(1)
     console = Console(stderr=True)
     try:
@@ -51,7 +54,7 @@ def _measured(options: argparse.Namespace, recordings: Sequence[Path], console: 
         seeds = range(options.seed, options.seed + options.consistency)
         return measure_consistency(seeds, options.methods, options.shots, options.width, console)
     if options.accuracy:
-        return measure_accuracy(recordings, console)
+        return measure_accuracy(recordings, console, options.figure)
     return measure_speed(recordings[0], options.rounds, console)
 
 
@@ -76,6 +79,9 @@ def _parser() -> argparse.ArgumentParser:
         type=_count,
         metavar="SCENES",
         help="errors and covariances over so many synthetic scenes instead; needs no recording",
+    )
+    parser.add_argument(
+        "--figure", type=Path, metavar="DIR", help="with --accuracy: draw methods_RECORDING.png there, too"
     )
     parser.add_argument("--rounds", type=_count, default=5, help="how often everything is timed (5)")
     _add_scenes(parser)

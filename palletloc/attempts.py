@@ -13,12 +13,17 @@ from palletloc.geometry import LevelPose, wrap_angle
 from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
 from palletloc.refinement.alignment import YawPrior, fit_face
 from palletloc.refinement.appearance import opening_contrasts
-from palletloc.refinement.hypotheses import score_pose
+from palletloc.refinement.hypotheses import Spans, score_pose
+from palletloc.refinement.occlusion import hidden_part
 from palletloc.refinement.patch import FacePatch
-from palletloc.verification import of_use, verify
+from palletloc.verification import Signs, of_use, verify
 
 MOST_ATTEMPTS = 3
 """How many starts are tried where only the face gives yaw or distance."""
+SHOWN = 0.3
+"""Part of an opening that may be hidden where its contrast counts."""
+WEAK_DOUBT = 0.5
+"""Doubt from which on a covariance grows where only the face gives yaw or distance."""
 NATS_PER_EDGE = 2.0
 """How much less likely, as a logarithm, each missing or contradicting edge makes a pose."""
 GLANCE_CONTRAST = 0.9
@@ -74,7 +79,7 @@ def keep_best(
     best = max(attempts, key=_likelihood)
     if best.face is not None:
         doubt = best.face.doubt
-        growth = max(doubt - 0.5, 0.0) ** 2 if weak else max(doubt - config.face_fit.max_doubt, 0.0)
+        growth = max(doubt - (WEAK_DOUBT if weak else config.face_fit.max_doubt), 0.0) ** 2
         _widen(best, growth, attempts)
     for name in ("horizontal", "yaw", "yaw_from", "face", "pose", "covariance", "verification", "refusal"):
         setattr(candidate, name, getattr(best, name))
@@ -84,9 +89,10 @@ def keep_best(
     return None
 
 
-def _contrast(patch: FacePatch, pose: LevelPose, candidate: Candidate) -> float:
+def _contrast(patch: FacePatch, pose: LevelPose, candidate: Candidate, hidden: Spans = ()) -> float:
     """Return how clearly the less clear opening differs from the blocks beside it, NaN where that is not seen."""
-    return float(opening_contrasts(patch, candidate.model, pose).min())
+    shown = [hidden_part(one.left, one.right, hidden) < SHOWN for one in candidate.model.openings]
+    return float(opening_contrasts(patch, candidate.model, pose)[shown].min()) if any(shown) else 0.0
 
 
 def _fit(shot: ShotView, candidate: Candidate, pose: LevelPose, patch: FacePatch, config: LocalizerConfig) -> None:
@@ -105,8 +111,10 @@ def _fit(shot: ShotView, candidate: Candidate, pose: LevelPose, patch: FacePatch
     candidate.face = face
     found = face.forklift_from_pallet
     candidate.pose, candidate.covariance = found, face.covariance
-    contrast, score = float(np.nan_to_num(_contrast(patch, found, candidate))), score_pose(patch, model, found)
-    candidate.verification = verify(contrast, face.coverage, score, face.doubt, config.verification)
+    spans = face.seen.hidden
+    contrast = float(np.nan_to_num(_contrast(patch, found, candidate, spans)))
+    signs = Signs(contrast, face.coverage, score_pose(patch, model, found, spans), face.doubt, face.seen.hidden_part)
+    candidate.verification = verify(signs, config.verification)
     if candidate.height is not None and abs(found.z - height.z) > 4 * height.sigma:
         return candidate.refuse(Stage.VERIFICATION, Reason.OFF_LEVEL)
     if candidate.verification.reason is not None:
@@ -122,7 +130,13 @@ def _agree(one: Candidate, other: Candidate) -> bool:
 
 
 def _likelihood(attempt: Candidate) -> float:
-    """Return the logarithm of how well an attempt explains the image, against other attempts."""
+    """Return the logarithm of how well a fit explains the image, to be compared with other fits of the candidate.
+
+    Parameters
+    ----------
+    attempt : Candidate
+        After its fit; minus infinity where that failed.
+    """
     if attempt.face is None or attempt.verification is None:
         return -np.inf
     return attempt.verification.evidence - NATS_PER_EDGE * attempt.face.doubt

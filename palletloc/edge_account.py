@@ -70,11 +70,10 @@ def account_edges(face: FaceEstimate, model: PalletModel) -> tuple[EdgeAccount, 
         In the order of `palletloc.face.face_lines`.
     """
     measured = {one.edge: (one, float(weight)) for one, weight in zip(face.seen.edges, face.weights, strict=True)}
-    hidden: tuple[FaceEdge, ...] = getattr(face, "hidden", ())
     accounts = []
     for number, line in enumerate(visible_lines(model, face.seen.plane_from_camera), start=1):
         one, weight = measured.get(line.whole, (None, 0.0))
-        fate = _fate(line, weight if one is not None else None, hidden)
+        fate = _fate(line, weight if one is not None else None, face.hidden)
         name, loaded = edge_name(model, line.whole), face.seen.loaded(line.whole)
         accounts.append(EdgeAccount(number, name, line.whole, fate, loaded, one, weight))
     return tuple(accounts)

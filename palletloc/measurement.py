@@ -69,6 +69,8 @@ class Reason(StrEnum):
     """The sweep's best position lies at the end of its reach or nowhere."""
     FEW_EDGES = "few_edges"
     """Too few edges of the model are seen where the pose says they are."""
+    HIDDEN = "hidden"
+    """Something stands before most of the face."""
     LOW_CONTRAST = "low_contrast"
     """Openings and blocks do not differ as those of a pallet do."""
     OVERLAP = "overlap"

@@ -7,7 +7,9 @@ all along their length, agreement with the drawing, and no edge that contradicts
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,6 +25,8 @@ all kinds of light, pallets, cameras and noise.
 """
 USUAL_CONTRAST, USUAL_SCORE, USUAL_COVERAGE, USUAL_DOUBT = 2.0, 0.5, 0.65, 3.0
 """What pallets and other places show equally often."""
+HIDDEN = -8.0
+"""Evidence of a face that is wholly hidden: what seems to be hidden may as well not be there."""
 CLEAR_CONTRAST = 4.0
 """Contrast from which on more says nothing more."""
 
@@ -43,25 +47,34 @@ class VerificationConfig:
     """Largest standard deviation of a yaw that is of use, in degrees."""
 
 
-@dataclass(frozen=True, slots=True)
-class Verification:
+class Signs(NamedTuple):
     """What the face shows at the final pose."""
 
     contrast: float
     """Difference of the less clear opening from the blocks beside it, in spreads of the blocks."""
     coverage: float
-    """Part of the face's edges that is seen, 0 to 1."""
+    """Part of the face's edges that is seen, of those that nothing hides, 0 to 1."""
     score: float
-    """Agreement of face and drawing, 0 to 1."""
+    """Agreement of face and drawing where nothing hides it, at most 1."""
     doubt: float
     """How many edges are missing or contradict the others."""
+    hidden: float = 0.0
+    """Part of the face that something seems to stand before, 0 to 1."""
+
+
+@dataclass(frozen=True, slots=True)
+class Verification:
+    """What the face shows at the final pose, and what that says."""
+
+    signs: Signs
+    """What it shows."""
     reason: Reason | None
     """Why it is not a pallet; None where it is one."""
 
     @property
     def evidence(self) -> float:
         """How much all signs together speak for a pallet, in nats."""
-        return sum(_evidence(self.contrast, self.coverage, self.score, self.doubt))
+        return sum(_evidence(self.signs))
 
     @property
     def rank(self) -> float:
@@ -69,19 +82,13 @@ class Verification:
         return float(1 / (1 + np.exp(-self.evidence)))
 
 
-def verify(contrast: float, coverage: float, score: float, doubt: float, config: VerificationConfig) -> Verification:
+def verify(signs: Signs, config: VerificationConfig) -> Verification:
     """Check what the face shows at its final pose.
 
     Parameters
     ----------
-    contrast : float
-        Of the less clear opening, as `opening_contrasts` has it.
-    coverage : float
-        Part of the edges that is seen, 0 to 1.
-    score : float
-        Agreement of face and drawing, at most 1.
-    doubt : float
-        How many edges are missing or contradict the others.
+    signs : Signs
+        What it shows.
     config : VerificationConfig
         Thresholds.
 
@@ -90,19 +97,19 @@ def verify(contrast: float, coverage: float, score: float, doubt: float, config:
     Verification
         With a reason where it fails: the sign that speaks most against it.
     """
-    found = Verification(contrast, coverage, float(np.clip(score, 0.0, 1.0)), doubt, None)
+    found = Verification(signs, None)
     if found.rank >= config.min_rank:
         return found
-    between, edges = _evidence(contrast, coverage, found.score, doubt)
-    reason = Reason.LOW_CONTRAST if between < edges else Reason.FEW_EDGES
-    return Verification(contrast, coverage, found.score, doubt, reason)
+    between, edges = _evidence(signs)
+    return Verification(signs, Reason.LOW_CONTRAST if between < edges else Reason.FEW_EDGES)
 
 
-def _evidence(contrast: float, coverage: float, score: float, doubt: float) -> tuple[float, float]:
+def _evidence(signs: Signs) -> tuple[float, float]:
     """Return the evidence for a pallet from what lies between the edges and from the edges, in nats."""
-    between = CONTRAST * float(np.log(np.clip(contrast, 0.2, CLEAR_CONTRAST) / USUAL_CONTRAST))
-    edges = SCORE * (score - USUAL_SCORE) + COVERAGE * (coverage - USUAL_COVERAGE)
-    return between, edges + DOUBT * float(np.log((max(doubt, 0.0) + 0.5) / USUAL_DOUBT))
+    between = CONTRAST * math.log(min(max(signs.contrast, 0.2), CLEAR_CONTRAST) / USUAL_CONTRAST)
+    edges = SCORE * (min(max(signs.score, 0.0), 1.0) - USUAL_SCORE) + COVERAGE * (signs.coverage - USUAL_COVERAGE)
+    missing = DOUBT * math.log((max(signs.doubt, 0.0) + 0.5) / USUAL_DOUBT) + HIDDEN * signs.hidden
+    return between, edges + missing
 
 
 def of_use(covariance: FloatArray, config: VerificationConfig) -> bool:

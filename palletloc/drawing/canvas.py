@@ -9,6 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+from PIL import Image as PillowImage
 
 from palletloc.geometry import Image
 from palletloc.plane import PlaneView
@@ -23,6 +25,8 @@ WIDTH_PX, DPI = 1280, 100
 """Every figure is as wide as a page on a screen."""
 LEGEND_ROW_PX = 22
 """Height of one row of keys."""
+_DARK, _BRIGHT, _MOST_GAIN = 120.0, 220.0, 6.0
+"""Gray level of the brightest parts below which a view is shown brighter, what they become, and the most gain."""
 
 
 def new_figure(height_px: float) -> Figure:
@@ -64,8 +68,24 @@ def png(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
+def small_png(figure: Figure, colors: int = 128) -> bytes:
+    """Return a figure of few colours, without photographs, as the content of a small PNG file with a palette.
+
+    Parameters
+    ----------
+    figure : Figure
+        The figure.
+    colors : int
+        How many colours to keep, at most 256.
+    """
+    drawn = PillowImage.open(io.BytesIO(png(figure))).convert("RGB")
+    buffer = io.BytesIO()
+    drawn.quantize(colors, dither=PillowImage.Dither.NONE).save(buffer, format="png", optimize=True)
+    return buffer.getvalue()
+
+
 def show_view(axes: Axes, view: PlaneView) -> None:
-    """Show the image of a plane on metric axes; what the camera does not see is white.
+    """Show the image of a plane on metric axes; what the camera does not see is white, what is dark brightened.
 
     Parameters
     ----------
@@ -78,10 +98,22 @@ def show_view(axes: Axes, view: PlaneView) -> None:
     right = grid.left + (grid.columns - 1) * grid.resolution
     bottom = grid.top - (grid.rows - 1) * grid.resolution
     extent = (grid.left - half, right + half, bottom - half, grid.top + half)
-    shown = np.where(view.valid[..., None], rgb(view.image), np.uint8(255))
+    image = rgb(view.image)
+    gain = _gain(image[view.valid])
+    if gain > 1:
+        image = np.minimum(image * gain, 255.0).astype(np.uint8)
+        text = axes.text(0.995, 0.98, f"shown {gain:.1f} times as bright", ha="right", va="top", size=8.5)
+        text.set(transform=axes.transAxes, color="white", path_effects=[withStroke(linewidth=2.5, foreground=INK)])
+    shown = np.where(view.valid[..., None], image, np.uint8(255))
     axes.imshow(shown, extent=extent, interpolation="bilinear", interpolation_stage="rgba")
     axes.set_xlim(extent[:2])
     axes.set_ylim(extent[2:])
+
+
+def _gain(seen: Image) -> float:
+    """Return how many times brighter to show what a view holds: once unless even its bright parts are dark."""
+    bright = float(np.percentile(seen, 98)) if seen.size else _BRIGHT
+    return 1.0 if bright >= _DARK else min(_BRIGHT / max(bright, 1.0), _MOST_GAIN)
 
 
 def rgb(image: Image) -> Image:

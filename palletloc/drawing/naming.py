@@ -34,6 +34,14 @@ def name_candidates(explanation: Explanation) -> Named:
     )
 
 
+def given_up(candidate: Candidate) -> str:
+    """Return what a title says of a candidate that was given up: where and why; nothing for a pallet."""
+    if candidate.refusal is None:
+        return ""
+    stage, reason = candidate.refusal
+    return f" (given up in {stage}: {str(reason).replace('_', ' ')})"
+
+
 def _bearing(candidate: Candidate) -> float:
     pose = candidate.pose or candidate.start
     return float(np.arctan2(pose.y, pose.x))

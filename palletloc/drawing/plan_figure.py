@@ -33,10 +33,30 @@ _LEAST_PX, _MOST_PX = 380, 640
 _AROUND = 0.6  # metres
 _WHISKER = 0.9  # metres
 _MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100)
-_LARGEST, _WIDEST = 0.6, 0.3
-"""How far ellipses and fans are magnified: half axis in metres, half angle in radians."""
-_NAME_DEPTHS = (0.82, 0.52)
-"""Where the names stand, in parts of the pallet's depth: neighbours may overlap."""
+_CLEAR, _LARGEST = 0.12, 0.5
+"""Half axis of three standard deviations that is easy to see, and the most that magnifying makes of it, in metres."""
+_CLEAR_FAN, _LARGEST_FAN = 0.05, 0.35
+"""The same for half the angle of a fan, in radians."""
+_TIMES = "\N{MULTIPLICATION SIGN}"
+_ROW, _TABLE_HEAD = 22, 30  # in pixels
+_COLUMNS = (
+    ("pallet", 10, "left"),
+    ("height m", 170, "right"),
+    ("ahead m", 270, "right"),
+    ("left m", 360, "right"),
+    ("long half axis mm", 510, "right"),
+    ("short half axis mm", 660, "right"),
+    ("height \N{GREEK SMALL LETTER SIGMA} mm", 780, "right"),
+    ("yaw \N{DEGREE SIGN}", 880, "right"),
+    ("yaw \N{GREEK SMALL LETTER SIGMA} \N{DEGREE SIGN}", 980, "right"),
+    ("ellipse drawn", 1085, "right"),
+    ("fan drawn", 1170, "right"),
+)
+"""Title, place in pixels, alignment."""
+_NAME_PLACES = [(depth, side) for side in (0.0, 0.28, -0.28) for depth in (0.75, 0.5, 0.3)]
+"""Where a name may stand, in parts of the pallet's depth and width, the best first."""
+_NAME_ROOM = (0.30, 0.16)
+"""Width and height that a name takes, in metres at 150 pixels per metre."""
 
 
 def plan_figure(pallets: Sequence[Placed], mounting: Mounting, shelf: ShelfPlane | None) -> Figure:
@@ -54,8 +74,8 @@ def plan_figure(pallets: Sequence[Placed], mounting: Mounting, shelf: ShelfPlane
     Returns
     -------
     Figure
-        Ahead is to the right, the forklift's left is up. Ellipses and fans show two standard deviations of
-        position and yaw, magnified by a factor that the figure tells.
+        Ahead is to the right, the forklift's left is up. Ellipses and fans show one and three standard deviations
+        of position and yaw; where they would be too small to be seen, magnified by a factor that the figure tells.
     """
     corners = [_corners(model, pose) for _, model, pose, _ in pallets]
     x, y, _ = mounting.center
@@ -63,7 +83,8 @@ def plan_figure(pallets: Sequence[Placed], mounting: Mounting, shelf: ShelfPlane
     low, high = places.min(axis=0) - _AROUND, places.max(axis=0) + _AROUND
     width, height, scale = _page(low, high)
     spare = (width / scale - (high - low)[0]) / 2, (height / scale - (high - low)[1]) / 2
-    figure = new_figure(_HEAD + height + _FOOT)
+    table = _TABLE_HEAD + _ROW * len(pallets) if pallets else 0
+    figure = new_figure(_HEAD + height + _FOOT + table)
     axes = add_axes(figure, _LEFT, _HEAD, width, height)
     axes.set(
         xlim=(low[0] - spare[0], high[0] + spare[0]),
@@ -73,18 +94,19 @@ def plan_figure(pallets: Sequence[Placed], mounting: Mounting, shelf: ShelfPlane
     )
     axes.grid(color=GRID, linewidth=0.6)
     axes.set_axisbelow(True)
-    factor = _magnification([covariance for *_, covariance in pallets])
     if shelf is not None:
         _draw_shelf(axes, shelf)
     _draw_forklift(axes, mounting)
+    names: list[FloatArray] = []
     for i, pallet in enumerate(sorted(pallets, key=lambda one: one[2].x)):
-        _draw_pallet(axes, pallet, SERIES[i % len(SERIES)], factor)
-        _write_name(axes, pallet, SERIES[i % len(SERIES)], _NAME_DEPTHS[i % 2])
+        _draw_pallet(axes, pallet, SERIES[i % len(SERIES)])
+        names.append(_write_name(axes, pallet, SERIES[i % len(SERIES)], names, 150 / scale))
     add_text(figure, _LEFT, 14, "The aisle from above, in the forklift's frame", size=13, bold=True)
-    times = f"{factor} times as large as they are" if factor > 1 else "at their true size"
-    line = f"Ellipses: position, fans: yaw; both two standard deviations, drawn {times}"
+    line = "Ellipses: position, fans: yaw; one and three standard deviations, magnified as the table tells"
     add_text(figure, _LEFT, 40, line, size=10.5)
     add_legend(figure, _HEAD + height + 50, axes)
+    if pallets:
+        _draw_table(figure, _HEAD + height + _FOOT, pallets)
     return figure
 
 
@@ -96,14 +118,20 @@ def _page(low: FloatArray, high: FloatArray) -> tuple[float, float, float]:
     return width, max(float(size[1] * scale), _LEAST_PX), float(scale)
 
 
-def _magnification(covariances: Sequence[FloatArray]) -> int:
-    """Return the largest factor at which no ellipse and no fan gets out of hand."""
-    if not covariances:
-        return 1
-    largest = max(2 * float(np.sqrt(np.linalg.eigvalsh(c[:2, :2])[-1])) for c in covariances)
-    widest = max(2 * float(np.sqrt(c[3, 3])) for c in covariances)
-    fitting = [m for m in _MAGNIFICATIONS if m * largest <= _LARGEST and m * widest <= _WIDEST]
-    return fitting[-1] if fitting else 1
+def _magnifications(covariance: FloatArray) -> tuple[int, int]:
+    """Return how many times as large the ellipse and the fan are drawn: as little as makes them easy to see."""
+    axis, angle = 3 * float(half_axes(covariance)[0]), 3 * float(np.sqrt(covariance[3, 3]))
+    return _magnification(axis, _CLEAR, _LARGEST), _magnification(angle, _CLEAR_FAN, _LARGEST_FAN)
+
+
+def _magnification(size: float, clear: float, largest: float) -> int:
+    fitting = [times for times in _MAGNIFICATIONS if times * size <= largest]
+    return next((times for times in fitting if times * size >= clear), (fitting or [1])[-1])
+
+
+def half_axes(covariance: FloatArray) -> FloatArray:
+    """Return the half axes of the ellipse of one standard deviation on the floor, (2,), longer first, in metres."""
+    return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(covariance[:2, :2])[::-1], 0.0)))
 
 
 def _corners(model: PalletModel, pose: LevelPose) -> FloatArray:
@@ -113,37 +141,78 @@ def _corners(model: PalletModel, pose: LevelPose) -> FloatArray:
     return np.asarray(pose.transform().apply(corners)[:, :2])
 
 
-def _draw_pallet(axes: Axes, pallet: Placed, color: str, factor: int) -> None:
+def _draw_pallet(axes: Axes, pallet: Placed, color: str) -> None:
     _, model, pose, covariance = pallet
     corners = _corners(model, pose)
     axes.add_patch(Polygon(corners, facecolor=color, alpha=0.10, edgecolor="none"))
     axes.add_patch(Polygon(corners, fill=False, edgecolor=color, linewidth=0.9, alpha=0.7))
     axes.plot(*corners[:2].T, color=color, linewidth=3.2, solid_capstyle="butt")
-    axes.add_patch(_fan(pose, 2 * factor * float(np.sqrt(covariance[3, 3])), color))
-    axes.add_patch(_ellipse(pose, covariance, factor, color))
+    larger, wider = _magnifications(covariance)
+    for count, alpha in ((3, 0.16), (1, 0.34)):
+        axes.add_patch(_fan(pose, count * wider * float(np.sqrt(covariance[3, 3])), color, alpha))
+        axes.add_patch(_ellipse(pose, covariance, count * larger, color))
     axes.plot(pose.x, pose.y, "o", color=color, markersize=3)
 
 
-def _write_name(axes: Axes, pallet: Placed, color: str, depth: float) -> None:
+def _write_name(axes: Axes, pallet: Placed, color: str, others: Sequence[FloatArray], size: float) -> FloatArray:
+    """Write a name into its pallet where none of the others stands, and return where."""
     name, model, pose, _ = pallet
-    x, y, _ = pose.transform().apply([depth * model.depth, 0.0, 0.0])
-    text = axes.text(x, y, f"{name}\n{round(pose.z, 2) + 0.0:.2f} m up", ha="center", va="center")
-    text.set(size=10, color=color, weight="bold", parse_math=False)
+    inside = [[depth * model.depth, side * model.width, 0.0] for depth, side in _NAME_PLACES]
+    places = pose.transform().apply(inside)[:, :2]
+    room = size * np.array(_NAME_ROOM)
+    free = [place for place in places if not any((np.abs(place - other) < room).all() for other in others)]
+    place = np.asarray(free[0] if free else places[0])
+    text = axes.text(float(place[0]), float(place[1]), name, ha="center", va="center", size=12)
+    text.set(color=color, weight="bold", parse_math=False)
+    return place
 
 
-def _fan(pose: LevelPose, reach: float, color: str) -> Polygon:
+def _fan(pose: LevelPose, reach: float, color: str, alpha: float) -> Polygon:
     """Return the sector in which the pallet's axis lies, drawn into the aisle."""
     angles = pose.yaw + np.pi + np.linspace(-min(reach, np.pi), min(reach, np.pi), 31)
     rim = np.stack([pose.x + _WHISKER * np.cos(angles), pose.y + _WHISKER * np.sin(angles)], axis=-1)
     points = np.vstack([[pose.x, pose.y], rim])
-    return Polygon(points, facecolor=color, alpha=0.28, edgecolor=color, linewidth=0.8)
+    return Polygon(points, facecolor=(color, alpha), edgecolor=color, linewidth=0.7)
 
 
-def _ellipse(pose: LevelPose, covariance: FloatArray, factor: int, color: str) -> Ellipse:
-    values, vectors = np.linalg.eigh(covariance[:2, :2])
-    minor, major = 4 * factor * np.sqrt(np.maximum(values, 0.0))
+def _ellipse(pose: LevelPose, covariance: FloatArray, times: int, color: str) -> Ellipse:
+    """Return the ellipse of one standard deviation, so many times as large."""
+    vectors = np.linalg.eigh(covariance[:2, :2])[1]
+    major, minor = 2 * times * half_axes(covariance)
     angle = float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])))
-    return Ellipse((pose.x, pose.y), major, minor, angle=angle, fill=False, edgecolor=color, linewidth=1.8)
+    return Ellipse((pose.x, pose.y), major, minor, angle=angle, fill=False, edgecolor=color, linewidth=1.6)
+
+
+def _draw_table(figure: Figure, top: float, pallets: Sequence[Placed]) -> None:
+    """Write the numbers behind the map."""
+    width = WIDTH_PX - _LEFT - _RIGHT
+    axes = add_axes(figure, _LEFT, top, width, _ROW * (len(pallets) + 1))
+    axes.set(xlim=(0, width), ylim=(len(pallets) + 0.5, -0.5))
+    axes.set_axis_off()
+    axes.axhline(0.5, color=GRID, linewidth=1.2)
+    colors = {one[0]: SERIES[i % len(SERIES)] for i, one in enumerate(sorted(pallets, key=lambda one: one[2].x))}
+    for title, at, align in _COLUMNS:
+        axes.text(at, 0, title, ha=align, va="center", size=9.5, color=FAINT)
+    for row, (name, _, pose, covariance) in enumerate(pallets, start=1):
+        long, short = 1000 * half_axes(covariance)
+        rise, turn = 1000 * np.sqrt(covariance[2, 2]), np.degrees(np.sqrt(covariance[3, 3]))
+        values = (round(value, 3) + 0.0 for value in (pose.z, pose.x, pose.y))
+        cells = [name, *(f"{value:.3f}" for value in values), f"{long:.1f}", f"{short:.1f}", f"{rise:.1f}"]
+        cells += [f"{np.degrees(pose.yaw):.2f}", f"{turn:.3f}"]
+        cells += [f"{_TIMES} {times}" for times in _magnifications(covariance)]
+        for cell, (_, at, align) in zip(cells, _COLUMNS, strict=True):
+            text = axes.text(
+                at,
+                row,
+                cell.replace("-", "\N{MINUS SIGN}"),
+                ha=align,
+                va="center",
+                size=9.5,
+                color=INK,
+                parse_math=False,
+            )
+            if at == _COLUMNS[0][1]:
+                text.set(color=colors[name], weight="bold")
 
 
 def _draw_shelf(axes: Axes, shelf: ShelfPlane) -> None:

@@ -26,6 +26,7 @@ from palletloc.drawing.canvas import (
     new_figure,
     show_view,
 )
+from palletloc.drawing.naming import given_up
 from palletloc.drawing.outline import face_outline
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.refinement.patch import FacePatch
@@ -43,7 +44,7 @@ _VIEWS_LEFT = _LEFT + _MAP + _BAR + 146
 _VIEW_HIGH, _FINER_VIEW_HIGH = 150, 190
 _BELOW_VIEW = 46
 """From one view to the title of that below it, in pixels."""
-_TOGETHER_PX = 16.0
+_TOGETHER_PX = 26.0
 """Distance below which marks would cover each other, in pixels."""
 _SMALL_PX = 7.0
 """Half axis of an ellipse below which it is lost in the marks, in pixels."""
@@ -95,7 +96,8 @@ def search_figure(name: str, candidate: Candidate) -> Figure:
     finer = sorted(found.finer, key=lambda one: -one.found.peaks[0].score)
     rows = [_MAP_HIGH] + ([_FINER_HIGH, _views_height(finer[0])] if finer else [])
     figure = new_figure(_HEAD + sum(rows) + (_TITLE + _AXIS) * len(rows) + _FOOT)
-    add_text(figure, _LEFT, 14, _title(name, candidate), size=13, bold=True)
+    title = f"{name}: where {candidate.model.name} may stand, scored in the image{given_up(candidate)}"
+    add_text(figure, _LEFT, 14, title, size=13, bold=True)
     add_text(figure, _LEFT, 40, _meaning(found), size=10.5)
     scale = Normalize(*_score_range([found, *finer]))
     top = float(_HEAD + _TITLE)
@@ -109,14 +111,6 @@ def search_figure(name: str, candidate: Candidate) -> Figure:
         _draw_finer(figure, top + _MAP_HIGH + _AXIS + _TITLE, finer, candidate, result, scale)
     add_legend(figure, figure.get_size_inches()[1] * 100 - _FOOT + 2, *figure.axes, columns=6)
     return figure
-
-
-def _title(name: str, candidate: Candidate) -> str:
-    end = ""
-    if candidate.refusal is not None:
-        stage, reason = candidate.refusal
-        end = f" (given up in {stage}: {str(reason).replace('_', ' ')})"
-    return f"{name}: where {candidate.model.name} may stand, scored in the image{end}"
 
 
 def _meaning(found: Search) -> str:
@@ -163,7 +157,7 @@ def _draw_map(
 
 
 def _mark_peaks(axes: Axes, peaks: FloatArray) -> None:
-    """Number the peaks; those that differ only along the shelf share a mark."""
+    """Mark the peaks with their numbers; those that differ only along the shelf share them."""
     places = np.column_stack([peaks[:, 1], np.degrees(peaks[:, 0])])
     pixels = axes.transData.transform(places)
     groups: list[list[int]] = []
@@ -177,20 +171,23 @@ def _mark_peaks(axes: Axes, peaks: FloatArray) -> None:
         at, numbers = places[group[0]], " ".join(str(i + 1) for i in group)
         text = axes.annotate(numbers, at, xytext=(0, 15), textcoords="offset points", ha="center", va="center")
         text.set(size=10, weight="bold", color="white", path_effects=[_HALO], zorder=5)
-    mark = {"color": "white", "markersize": 6.5, "markeredgecolor": INK, "zorder": 4}
-    axes.plot(*places.T, "o", label="peaks, the best is 1", **mark)
+    (marks,) = axes.plot(*places.T, "o", label="peaks, the best is 1", zorder=4)
+    marks.set(color="white", markersize=6.5, markeredgecolor=INK)
 
 
 def _set_limits(axes: Axes, ranges: FloatArray, yaws: FloatArray, points: FloatArray) -> None:
     """Show all cells, and points beside them unless they are far away, with some space around."""
-    shown = (points[:, 1], np.degrees(points[:, 0]))
-    for values, marks, setting in zip((ranges, yaws), shown, (axes.set_xlim, axes.set_ylim), strict=True):
-        half = (values[1] - values[0]) / 2
-        low, high = values[0] - half, values[-1] + half
-        size = high - low
-        near = marks[(marks > low - size) & (marks < high + size)]
-        slack = 0.06 * size
-        setting(float(np.min([low, *(near - slack)])), float(np.max([high, *(near + slack)])))
+    axes.set_xlim(_limits(ranges, points[:, 1]))
+    axes.set_ylim(_limits(yaws, np.degrees(points[:, 0])))
+
+
+def _limits(cells: FloatArray, marks: FloatArray) -> tuple[float, float]:
+    half = (cells[1] - cells[0]) / 2
+    low, high = cells[0] - half, cells[-1] + half
+    size = high - low
+    near = marks[(marks > low - size) & (marks < high + size)]
+    slack = 0.06 * size
+    return float(np.min([low, *(near - slack)])), float(np.max([high, *(near + slack)]))
 
 
 def _mark_result(axes: Axes, on: SearchAxes, result: _Result, *, is_keyed: bool) -> None:
@@ -209,11 +206,9 @@ def _mark_result(axes: Axes, on: SearchAxes, result: _Result, *, is_keyed: bool)
         ring = bool(pixels.max() < 2 * _SMALL_PX)
         if not ring:
             _draw_ellipse(axes, at, covariance, result.color)
-    kind = {"markersize": 20.0} if ring else {"markersize": 7.0}
-    axes.plot(*at, "o", markerfacecolor="none", markeredgewidth=4.6, markeredgecolor=INK, **kind)
-    (mark,) = axes.plot(
-        *at, "o", markerfacecolor="none", markeredgewidth=2.4, markeredgecolor=result.color, **kind
-    )
+    for ink, line in ((INK, 4.6), (result.color, 2.4)):
+        (mark,) = axes.plot(*at, "o", markerfacecolor="none", markeredgecolor=ink, markeredgewidth=line)
+        mark.set_markersize(20.0 if ring else 7.0)
     if is_keyed:
         mark.set_label(label)
 
@@ -282,7 +277,9 @@ def _draw_views(
         axes = add_axes(figure, left, top, *size)
         add_text(figure, left, top - 20, title, size=10.5)
         show_view(axes, found.patch.view)
-        axes.set(xlim=axes.get_xlim(), ylim=axes.get_ylim(), ylabel="up (m)")
+        axes.set(xlim=axes.get_xlim(), ylim=axes.get_ylim())
+        if left == places[0][0]:
+            axes.set_ylabel("up (m)")
         if top == places[-1][1]:  # one above the other, they share the axis
             axes.set_xlabel("to the right (m)")
         for line in face_outline(candidate.model):

@@ -15,6 +15,7 @@ from palletloc.drawing.horizontal_figure import horizontal_figure
 from palletloc.drawing.naming import name_candidates
 from palletloc.drawing.overlay import Mark, cut_out, draw_overlay, region_of_interest
 from palletloc.drawing.plan_figure import plan_figure
+from palletloc.drawing.search_figure import search_figure
 from palletloc.drawing.shelf_figure import shelf_figure
 from palletloc.drawing.sweep_figure import sweep_figure
 from palletloc.geometry import Image
@@ -92,13 +93,18 @@ def _candidate_pictures(named: Sequence[tuple[str, Candidate]], shot: ShotView) 
             content = png(horizontal_figure(name, one))
             yield Picture(f"2-yaw-{name}", f"{name}: yaw from the horizontal plane", ".png", content)
     for name, one in named:
+        if one.search is not None:
+            content = png(search_figure(name, one))
+            caption = f"{name}: hypotheses of yaw and distance, scored in the image"
+            yield Picture(f"3-search-{name}", caption, ".png", content)
+    for name, one in named:
         if one.sweep is not None or one.joint is not None:
             content = png(sweep_figure(name, one))
             yield Picture(f"3-position-{name}", f"{name}: position by the plane sweep", ".png", content)
     for name, one in named:
-        if one.sweep is not None or one.joint is not None:
+        if one.sweep or one.joint or one.search:
             content = png(face_figure(name, one, shot))
-            caption = f"{name}: front face at the start and as measured"
+            caption = f"{name}: front face at the start and as measured, with its edges"
             yield Picture(f"4-face-{name}", caption, ".png", content)
 
 

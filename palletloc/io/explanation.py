@@ -8,11 +8,15 @@ from typing import Any
 import numpy as np
 
 from palletloc.candidate import Candidate
-from palletloc.geometry import LevelPose
+from palletloc.edge_account import EdgeAccount, account_edges
+from palletloc.geometry import FloatArray, LevelPose
 from palletloc.joint_search import JointSearch
 from palletloc.localizer import Explanation
+from palletloc.pallet import PalletModel
 from palletloc.position import Sweep
 from palletloc.refinement.alignment import FaceEstimate
+from palletloc.refinement.search import Search
+from palletloc.search_axes import SearchAxes
 from palletloc.yaw import YawEstimate
 
 _AXES = ("x_m", "y_m", "z_m", "yaw_rad")
@@ -61,6 +65,7 @@ def _candidate(name: str, one: Candidate) -> dict[str, Any]:
         document["pose"] = _pose(one.pose) | {"yaw_from": str(one.yaw_from)}
         document["sigma"] = dict(zip(_AXES, _list(sigma), strict=True))
         document["covariance"] = [_list(row) for row in one.covariance]
+        document["ellipse"] = _ellipse(one.covariance)
     if one.lines:
         document["hough_lines"] = [
             {"turn_rad": _rounded(line.turn), "up_m": _rounded(line.up), "votes": line.votes} for line in one.lines
@@ -69,14 +74,17 @@ def _candidate(name: str, one: Candidate) -> dict[str, Any]:
         "yaw": one.yaw and _yaw(one.yaw),
         "sweep": one.sweep and _sweep(one.sweep),
         "joint_search": one.joint and _joint(one.joint),
-        "face": one.face and _face(one.face),
+        "search": one.search and _search(one.search),
+        "face": one.face and _face(one.face, one.model),
     }
     document |= {key: part for key, part in parts.items() if part}
     if one.verification is not None:
         document["verification"] = {
-            "contrast": _rounded(one.verification.contrast),
-            "coverage": _rounded(one.verification.coverage),
-            "score": _rounded(one.verification.score),
+            "contrast": _rounded(one.verification.signs.contrast),
+            "coverage": _rounded(one.verification.signs.coverage),
+            "score": _rounded(one.verification.signs.score),
+            "doubt": _rounded(one.verification.signs.doubt),
+            "hidden": _rounded(one.verification.signs.hidden),
             "rank": _rounded(one.verification.rank),
         }
     return document
@@ -114,21 +122,67 @@ def _joint(found: JointSearch) -> dict[str, Any]:
     }
 
 
-def _face(face: FaceEstimate) -> dict[str, Any]:
+def _ellipse(covariance: FloatArray) -> dict[str, float | None]:
+    """Return one standard deviation of the position on the floor."""
+    values, vectors = np.linalg.eigh(covariance[:2, :2])
+    minor, major = np.sqrt(np.maximum(values, 0.0))
+    heading = float(np.arctan2(vectors[1, 1], vectors[0, 1]))
+    return {"major_m": _rounded(major), "minor_m": _rounded(minor), "heading_rad": _rounded(heading)}
+
+
+def _search(looked: Search) -> dict[str, Any]:
+    """Return the hypotheses: scores have a row for each yaw and a column for each ground distance."""
+    on, found = SearchAxes.of(looked.patch), looked.found
+    document: dict[str, Any] = {
+        "base": _pose(on.base),
+        "yaw_rad": _list(on.yaws(found.grid.turns)),
+        "range_m": _list(on.ranges(found.grid.ranges)),
+        "sideways_m": _list(found.grid.places),
+        "upward_m": _list(found.grid.rises),
+        "score": [_list(row) for row in found.score],
+        "peaks": [
+            {
+                "pose": _pose(peak.pose),
+                "range_m": _rounded(float(on.place(peak.pose)[1])),
+                "score": _rounded(peak.score),
+            }
+            for peak in found.peaks
+        ],
+    }
+    if looked.finer:
+        document["closer"] = [_search(one) for one in looked.finer]
+    return document
+
+
+def _face(face: FaceEstimate, model: PalletModel) -> dict[str, Any]:
     return {
         "coverage": _rounded(face.coverage),
         "chi2": _rounded(face.chi2),
-        "edges": [
-            {
-                "edge": str(one.edge.kind),
-                "offset_m": _rounded(one.fit.offset),
-                "sigma_m": _rounded(one.sigma),
-                "coverage": _rounded(one.fit.coverage),
-                "weight": _rounded(float(weight)),
-            }
-            for one, weight in zip(face.seen.edges, face.weights, strict=True)
-        ],
+        "doubt": _rounded(face.doubt),
+        "hidden_m": [_list(span) for span in face.seen.hidden],
+        "edges": [_edge(one) for one in account_edges(face, model)],
     }
+
+
+def _edge(one: EdgeAccount) -> dict[str, Any]:
+    document: dict[str, Any] = {
+        "number": one.number,
+        "edge": str(one.edge.kind),
+        "name": one.name,
+        "fate": str(one.fate),
+        "load_above": one.loaded,
+        "weight": _rounded(one.weight),
+    }
+    if one.measured is not None:
+        fit = one.measured.fit
+        document |= {
+            "offset_m": _rounded(fit.offset),
+            "slope": _rounded(fit.slope),
+            "sigma_m": _rounded(one.sigma),
+            "coverage": _rounded(fit.coverage),
+            "expected_m": _rounded(one.measured.shift.mean),
+        }
+    return document
 
 
 def _pose(pose: LevelPose) -> dict[str, float | None]:

@@ -7,11 +7,13 @@ is not known of the mounting as parameters with their own sigmas.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from palletloc.cameras.protocol import CameraModel
+from palletloc.face import FaceEdge
 from palletloc.face_view import MIN_DISTANCE, visible_lines
 from palletloc.geometry import FloatArray, Image, LevelPose, wrap_angle
 from palletloc.measurement import HeightPrior, Reason
@@ -19,10 +21,13 @@ from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
 from palletloc.plane import PALLET_FROM_VERTICAL
 from palletloc.refinement.edges import EdgeReach, SeenFace, measure_face
+from palletloc.refinement.occlusion import hidden_part, is_hidden
 from palletloc.refinement.system import USED_WEIGHT, FaceSolution, FaceSystem
 
 SMALL_PART = 0.2
 """Part of its standard deviation below which a motion needs no further round."""
+HIDDEN_DOUBT = 0.5
+"""How much an edge counts as missing that something seems to stand before."""
 FACE_IN_PALLET = PALLET_FROM_VERTICAL.as_matrix()
 """The face's plane in the pallet frame."""
 
@@ -45,6 +50,8 @@ class FaceFitConfig:
     """Up to how many missing or contradicting edges a pose is taken without trying another."""
     min_edges: int = 5
     """Fewest edges that must be seen."""
+    max_hidden: float = 0.5
+    """Largest part of the face's width that something may stand before."""
     max_sigma: float = 0.5
     """Largest standard deviation of a position that is worth reporting, in metres."""
     small_motion: float = 0.003
@@ -79,12 +86,15 @@ class FaceEstimate:
     """Part of the face's edges that lies where the pose says, 0 to 1, by length."""
     chi2: float
     """Mean squared normalised residual of the edges that count."""
+    hidden: tuple[FaceEdge, ...] = ()
+    """Edges that something stands before."""
 
     @property
     def doubt(self) -> float:
         """How many edges are missing or contradict the others; below about 1 the pose is the right one."""
         certain = self.weights[[not self.seen.loaded(one.edge) for one in self.seen.edges]]
-        return float(self.seen.expected - certain.sum() + max(self.chi2 - 1.0, 0.0))
+        missing = self.seen.expected - certain.sum() + HIDDEN_DOUBT * len(self.hidden)
+        return float(missing + max(self.chi2 - 1.0, 0.0))
 
 
 def fit_face(
@@ -141,6 +151,8 @@ def fit_face(
         seen = replace(seen, edges=tuple(one for one in seen.edges if one.fit.coverage >= config.min_coverage))
         if len(seen.edges) < config.min_edges:
             return Reason.FEW_EDGES
+        if seen.hidden_part > config.max_hidden:
+            return Reason.HIDDEN
         system = FaceSystem(seen, pose, mounting)
         system.add_height(height.z - pose.z, height.sigma)
         turned = wrap_angle(pose.yaw - start.yaw)
@@ -171,14 +183,18 @@ def _estimate(seen: SeenFace, pose: LevelPose, model: PalletModel, solution: Fac
     )
     forklift_from_face = np.array([[sin, 0, cos, 0], [-cos, 0, sin, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
     covariance = forklift_from_face @ solution.covariance @ forklift_from_face.T
-    return FaceEstimate(moved, covariance, seen, solution.weights, _coverage(seen, model, solution), solution.chi2)
+    lines = [line.whole for line in visible_lines(model, seen.plane_from_camera)]
+    hidden = tuple(line for line in lines if is_hidden(line, seen.hidden))
+    coverage = _coverage(seen, lines, solution)
+    return FaceEstimate(moved, covariance, seen, solution.weights, coverage, solution.chi2, hidden)
 
 
-def _coverage(seen: SeenFace, model: PalletModel, solution: FaceSolution) -> float:
-    lines = [line.whole for line in visible_lines(model, seen.plane_from_camera) if not seen.loaded(line.whole)]
+def _coverage(seen: SeenFace, lines: Sequence[FaceEdge], solution: FaceSolution) -> float:
+    lines = [line for line in lines if not seen.loaded(line)]
     covered = sum(
         one.edge.length * one.fit.coverage
         for one, weight in zip(seen.edges, solution.weights, strict=True)
         if weight > USED_WEIGHT and not seen.loaded(one.edge)
     )
-    return float(covered / sum(line.length for line in lines))
+    visible = sum(line.length * (1 - hidden_part(line.start[0], line.end[0], seen.hidden)) for line in lines)
+    return min(1.0, float(covered / visible)) if visible > 0 else 0.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -13,6 +13,7 @@ from palletloc.face import EdgeKind, EdgeShift, FaceEdge, edge_shift, face_lines
 from palletloc.geometry import FloatArray, Image
 from palletloc.pallet import PalletModel
 from palletloc.refinement.cuts import face_cuts
+from palletloc.refinement.occlusion import hidden_spans, is_hidden
 from palletloc.refinement.profiles import Profiles, Samples, cut_profiles
 
 SMOOTHING_PX = 1.0
@@ -27,6 +28,8 @@ END_PIXELS = 1.0
 """How many pixels of the image at each end of an edge are left out."""
 LEAST_REACH = 0.75
 """How far an edge is looked for at least, in pixels of the image."""
+BELONGS_PX = 0.5
+"""How far from its line a peak belongs to it, in pixels of the image."""
 PIXEL_ERROR = 0.05
 """What an edge's offset is uncertain by beyond its scatter, in pixels of the image."""
 NEIGHBOUR_ERROR = 2.0
@@ -60,7 +63,12 @@ class SeenFace:
     edges: tuple[MeasuredEdge, ...]
     """The edges that are seen."""
     expected: int
-    """How many edges the camera should see; without the upper edge from above, where a load may begin."""
+    """How many edges the camera should see; without hidden ones, and from above without the upper one: a load may
+    begin there."""
+    hidden: tuple[tuple[float, float], ...] = ()
+    """Stretches of the face that something stands before: (left, right) in metres."""
+    hidden_part: float = 0.0
+    """Part of the face's width that is hidden, 0 to 1."""
 
     def loaded(self, edge: FaceEdge) -> bool:
         """Tell whether a load may begin at an edge: at the upper one, seen from above."""
@@ -132,16 +140,20 @@ def measure_face(
     profiles = cut_profiles(camera, image, camera_from_face, cuts, mean, far, pixel)
     if not profiles.valid.all():
         return None
-    fits = _fits(profiles, SMOOTHING_PX)
-    if reach.faint and sum(fit is not None and fit.coverage >= CLEAR_COVERAGE for fit in fits) < MOST_CLEAR * len(fits):
-        fits = [_clearer(*both) for both in zip(fits, _fits(profiles, FAINT_SMOOTHING_PX), strict=True)]
+    peaks, fits = _fits(profiles, SMOOTHING_PX)
+    clear = sum(fit is not None and fit.coverage >= CLEAR_COVERAGE for fit in fits)
+    if reach.faint and clear < MOST_CLEAR * len(fits):
+        peaks, faint = _fits(profiles, FAINT_SMOOTHING_PX)
+        fits = [_clearer(*both) for both in zip(fits, faint, strict=True)]
+    hidden = hidden_spans(cuts, peaks, fits, np.maximum(BELONGS_PX * across, model.tolerance))
     edges = tuple(
         MeasuredEdge(line.whole, fit, _sigma(line.whole, fit, model, size), shift, size)
         for line, fit, shift, size in zip(cuts.lines, fits, shifts, across.tolist(), strict=True)
-        if fit is not None
+        if fit is not None and not is_hidden(line.whole, hidden)
     )
-    seen = SeenFace(plane_from_camera, edges, 0)
-    return SeenFace(plane_from_camera, edges, sum(not seen.loaded(line.whole) for line in cuts.lines))
+    seen = SeenFace(plane_from_camera, edges, 0, hidden, sum(right - left for left, right in hidden) / model.width)
+    expected = sum(not seen.loaded(line.whole) and not is_hidden(line.whole, hidden) for line in cuts.lines)
+    return replace(seen, expected=expected)
 
 
 def _pixel_sizes(camera: CameraModel, camera_from_face: FloatArray, model: PalletModel) -> tuple[float, float]:
@@ -164,13 +176,14 @@ def _rung(size: float) -> float:
     return float(2.0 ** (round(2 * np.log2(size)) / 2))
 
 
-def _fits(profiles: Profiles, along_px: float) -> list[EdgeFit | None]:
-    """Return a line through the peaks of each edge, with the image smoothed along the edges by so many pixels."""
+def _fits(profiles: Profiles, along_px: float) -> tuple[EdgePeaks, list[EdgeFit | None]]:
+    """Return the peaks on each edge and a line through them, with the image smoothed along by so many pixels."""
     cuts, across, along = profiles.cuts, profiles.pixel[:, 0], profiles.pixel[:, 1]
     lengths = np.array([line.whole.length for line in cuts.lines])
     # an upright edge stays upright: only level ones may tilt, by the yaw
     tilt = np.where(cuts.level, np.inf, 0.5 * across / lengths)
-    return fit_edges(_peaks(profiles, profiles.gradient(along_px)), across, along, profiles.reach, tilt)
+    peaks = _peaks(profiles, profiles.gradient(along_px))
+    return peaks, fit_edges(peaks, across, along, profiles.reach, tilt)
 
 
 def _clearer(fine: EdgeFit | None, smooth: EdgeFit | None) -> EdgeFit | None:

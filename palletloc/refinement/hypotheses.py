@@ -6,7 +6,7 @@ view of one plane, on which faces at any pose appear by central projection.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -17,6 +17,9 @@ from palletloc.matching import Energy
 from palletloc.pallet import PalletModel
 from palletloc.refinement.patch import FacePatch
 from palletloc.refinement.samples import face_samples
+
+Spans = Sequence[tuple[float, float]]
+"""Stretches of a face: (left, right), in metres."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,8 +127,8 @@ def score_hypotheses(
     return HypothesisScores(grid, table, tuple(peaks))
 
 
-def score_pose(patch: FacePatch, model: PalletModel, pose: LevelPose) -> float:
-    """Score one pose.
+def score_pose(patch: FacePatch, model: PalletModel, pose: LevelPose, hidden: Spans = ()) -> float:
+    """Score one pose by what is not hidden of the face.
 
     Parameters
     ----------
@@ -135,6 +138,8 @@ def score_pose(patch: FacePatch, model: PalletModel, pose: LevelPose) -> float:
         The pallet.
     pose : LevelPose
         ``forklift_from_pallet``.
+    hidden : sequence of (left, right)
+        Stretches of the face that something stands before, in metres.
 
     Returns
     -------
@@ -149,12 +154,16 @@ def score_pose(patch: FacePatch, model: PalletModel, pose: LevelPose) -> float:
         (samples.upright, samples.upright_weight, patch.along_upright()),
         (samples.block, samples.block_weight, patch.any_direction()),
     )
-    total = 0.0
+    total, edges = 0.0, 0.0
     for points, weight, field in parts:
-        if len(points):
-            at = patch.view.grid.pixels(patch.appearing(pose, points))
-            total += float(_looked_up(field, at[:, 0], at[:, 1]) @ weight)
-    return total
+        shown = np.ones(len(points), dtype=bool)
+        for left, right in hidden:
+            shown &= (points[:, 0] < left) | (points[:, 0] > right)
+        if shown.any():
+            at = patch.view.grid.pixels(patch.appearing(pose, points[shown]))
+            total += float(_looked_up(field, at[:, 0], at[:, 1]) @ weight[shown])
+            edges += float(weight[shown].clip(min=0.0).sum())
+    return total / edges if edges > 0 else 0.0
 
 
 class _Hypotheses(NamedTuple):

@@ -38,18 +38,14 @@ _STEPS = {
         " everywhere. The full-scale front face of the pallet is matched at every place. Most of the places that"
         " are tried are not pallets; later steps tell."
     ),
-    "2-yaw": (
-        "Yaw. The shot is projected onto the horizontal plane through the face's lower edge. There the edge is a"
-        " straight line, and its angle is the error of the assumed heading. A Hough transform finds the line; lines"
-        " along all level edges measure it to a fraction of a pixel."
-    ),
-    "3-position": (
-        "Position. With the heading known, a vertical plane is moved away from the camera, and the face's edges are"
-        " compared with it at each distance."
+    "3-search": (
+        "Search. Poses around the place that was detected are scored in the image: are there edges of the right"
+        " direction where the face would have them? The map shows the best score at each heading and distance."
     ),
     "4-face": (
-        "Edges. Near the best place each edge of the face is measured to a fraction of a pixel; all together give"
-        " the pose and its covariance."
+        "Edges. From the best places on, each edge of the face is measured to a fraction of a pixel; all together"
+        " give the pose and its covariance. Edges that contradict the others are rejected; each is listed with how"
+        " far it lies from its place."
     ),
     "6-plan": "The result, in the frame of the forklift, with what is uncertain about it.",
 }
@@ -128,11 +124,10 @@ def _summary(result: DemoResult) -> Iterator[str]:
 def _steps(result: DemoResult) -> Iterator[str]:
     yield heading("How one shot is measured")
     yield paragraph(
-        "Every stage of the shot above. Green is what was measured, yellow what it began with, pink what was not"
-        " used or given up. Pallets are named from left to right; the steps are those of one of them."
+        "Every stage of the shot above. Green is what was measured, yellow what it began with, pink what was given"
+        " up. Pallets are named from left to right; the steps are those of one of them."
     )
-    # a pallet level with the camera has no picture of a horizontal plane
-    names = [one.stage.removeprefix("2-yaw-") for one in result.pictures if one.stage.startswith("2-yaw-")]
+    names = [one.stage.removeprefix("4-face-") for one in result.pictures if one.stage.startswith("4-face-")]
     for stage, text in _STEPS.items():
         alone = stage in ("1-shelf", "6-plan")
         yield _shown(result, stage if alone else f"{stage}-{names[0] if names else 'P1'}", text)

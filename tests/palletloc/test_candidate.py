@@ -6,7 +6,7 @@ from palletloc.candidate import Candidate
 from palletloc.geometry import LevelPose
 from palletloc.measurement import Reason, Stage
 from palletloc.pallet import PalletModel
-from palletloc.verification import Verification
+from palletloc.verification import Signs, Verification
 
 START = LevelPose(1.0, 2.0, 0.0, 1.5)
 
@@ -21,7 +21,7 @@ def test_before_its_checks_it_stands_as_its_detection(candidate: Candidate) -> N
 
 
 def test_after_its_checks_it_stands_as_they_say(candidate: Candidate) -> None:
-    candidate.verification = Verification(4.0, 0.5, 0.4, 2.0, None)
+    candidate.verification = Verification(Signs(4.0, 0.5, 0.4, 2.0), None)
     assert candidate.rank == candidate.verification.rank != 0.7
 
 

@@ -18,7 +18,7 @@ from palletloc.refinement.alignment import FaceEstimate, FaceFitConfig, YawPrior
 from palletloc.refinement.appearance import opening_contrasts
 from palletloc.refinement.hypotheses import score_pose
 from palletloc.refinement.patch import FacePatch, view_patch
-from palletloc.verification import Verification, VerificationConfig, of_use, overlapping, verify
+from palletloc.verification import Signs, Verification, VerificationConfig, of_use, overlapping, verify
 
 POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
 FLOOR = HeightPrior(0.0, 0.003)
@@ -63,7 +63,7 @@ def verified(shot: ShotView, model: PalletModel) -> Verification:
     estimate, patch = fitted(shot, model), surroundings(shot)
     contrast = float(opening_contrasts(patch, model, POSE).min())
     score = score_pose(patch, model, estimate.forklift_from_pallet)
-    return verify(contrast, estimate.coverage, score, estimate.doubt, CONFIG)
+    return verify(Signs(contrast, estimate.coverage, score, estimate.doubt), CONFIG)
 
 
 def boarded_up(shot: ShotView, model: PalletModel) -> ShotView:
@@ -88,7 +88,6 @@ def test_a_pallet_passes_in_its_place(name: str, portrait: Portrait, request: py
     model: PalletModel = request.getfixturevalue(name)
     found = verified(portrait(model, POSE), model)
     assert found.reason is None
-    assert 0.0 <= found.score <= 1.0
     assert CONFIG.min_rank <= found.rank <= 1.0
 
 
@@ -104,7 +103,7 @@ def test_a_face_without_openings_is_no_pallet(name: str, portrait: Portrait, req
     camera, prior = shot.projector.camera, YawPrior(0.002, 0.0)
     seen = fit_face(camera, board.image, shot.mounting, POSE, model, FLOOR, prior, 0.1, FaceFitConfig())
     if isinstance(seen, FaceEstimate):
-        assert verify(contrast, seen.coverage, score, seen.doubt, CONFIG).reason is not None
+        assert verify(Signs(contrast, seen.coverage, score, seen.doubt), CONFIG).reason is not None
 
 
 signs = st.tuples(st.floats(0.0, 40.0), st.floats(0.0, 1.0), st.floats(-0.5, 1.5), st.floats(0.0, 12.0))
@@ -114,12 +113,10 @@ signs = st.tuples(st.floats(0.0, 40.0), st.floats(0.0, 1.0), st.floats(-0.5, 1.5
 def test_what_is_less_likely_a_pallet_than_is_asked_for_is_refused(
     sign: tuple[float, float, float, float], least: float
 ) -> None:
-    found = verify(*sign, replace(CONFIG, min_rank=least))
+    found = verify(Signs(*sign), replace(CONFIG, min_rank=least))
     assert 0.0 <= found.rank <= 1.0
     assert (found.reason is None) is (found.rank >= least)
-    contrast, coverage, score, doubt = sign
-    assert (found.contrast, found.coverage, found.doubt) == (contrast, coverage, doubt)
-    assert found.score == min(max(score, 0.0), 1.0)
+    assert found.signs == Signs(*sign)
 
 
 @given(signs, st.floats(0.01, 1.0))
@@ -127,20 +124,27 @@ def test_more_of_a_good_sign_never_makes_a_pallet_less_likely(
     sign: tuple[float, float, float, float], more: float
 ) -> None:
     contrast, coverage, score, doubt = sign
-    plain = verify(*sign, CONFIG).rank
+    plain = verify(Signs(*sign), CONFIG).rank
     for better in (
         (contrast + more, coverage, score, doubt),
         (contrast, min(coverage + more, 1.0), score, doubt),
         (contrast, coverage, score + more, doubt),
         (contrast, coverage, score, max(doubt - more, 0.0)),
     ):
-        assert verify(*better, CONFIG).rank >= plain - 1e-12
+        assert verify(Signs(*better), CONFIG).rank >= plain - 1e-12
+
+
+@given(signs, st.floats(0.05, 1.0))
+def test_what_seems_hidden_speaks_against_a_pallet(sign: tuple[float, float, float, float], hidden: float) -> None:
+    shown, covered = verify(Signs(*sign), CONFIG), verify(Signs(*sign, hidden), CONFIG)
+    assert covered.evidence < shown.evidence
+    assert covered.rank <= shown.rank
 
 
 def test_every_sign_counts() -> None:
-    plain = verify(2.0, 0.5, 0.5, 2.0, CONFIG).rank
+    plain = verify(Signs(2.0, 0.5, 0.5, 2.0), CONFIG).rank
     for better in ((3.0, 0.5, 0.5, 2.0), (2.0, 0.7, 0.5, 2.0), (2.0, 0.5, 0.6, 2.0), (2.0, 0.5, 0.5, 1.0)):
-        assert verify(*better, CONFIG).rank > plain + 0.01
+        assert verify(Signs(*better), CONFIG).rank > plain + 0.01
 
 
 @pytest.mark.parametrize(
@@ -152,7 +156,7 @@ def test_every_sign_counts() -> None:
     ],
 )
 def test_the_reason_is_what_speaks_most_against_it(sign: tuple[float, float, float, float], reason: Reason) -> None:
-    assert verify(*sign, CONFIG).reason is reason
+    assert verify(Signs(*sign), CONFIG).reason is reason
 
 
 @given(st.floats(0.001, 0.2), st.floats(0.0005, 0.1), st.floats(0.001, 0.5), st.floats(-3.1, 3.1))

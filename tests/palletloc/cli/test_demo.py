@@ -115,7 +115,7 @@ def test_the_page_needs_nothing_from_outside(folder: Path, page: str) -> None:
     parsed = Links(page)
     assert parsed.tags & {"script", "link", "iframe", "object"} == set()
     assert "url(" not in page
-    assert len(parsed.links) >= 7
+    assert len(parsed.links) >= 6
     for link in parsed.links:
         assert ":" not in link
         assert (folder / link).is_file(), link

@@ -40,7 +40,7 @@ def row_beside(pallet: str, shift: float) -> str:
 def from_start(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder that explains one given start, with files that were there before."""
     folder = tmp_path_factory.mktemp("from_start")
-    for name in ("4-face-P9.png", "notes.txt", "4-face-P9.txt"):
+    for name in ("4-face-P9.png", "3-search-C9.png", "notes.txt", "4-face-P9.txt"):
         (folder / name).write_text("from before")
     initial = initial_file(folder, [row_beside("A", 0.02)])
     arguments = ["explain", str(SAMPLE), "--shot", str(SHOT), "--out", str(folder), "--initial", str(initial)]
@@ -74,6 +74,7 @@ def test_the_numbers_list_the_pictures(from_start: Path, numbers: dict[str, Any]
 
 def test_only_pictures_of_ours_are_replaced(from_start: Path) -> None:
     assert not (from_start / "4-face-P9.png").exists()
+    assert not (from_start / "3-search-C9.png").exists()
     assert (from_start / "notes.txt").read_text() == "from before"
     assert (from_start / "4-face-P9.txt").exists()
 
@@ -112,6 +113,18 @@ def test_detections_are_explained_with_the_shelf(
     assert f"given up: {len(refused)} (" in printed
     assert all(set(one["refused"]) == {"stage", "reason"} for one in refused)
     assert (tmp_path / "new" / "folder" / "1-shelf.png").stat().st_size > 10_000
+
+
+def test_the_usual_method_shows_its_hypotheses_and_edges(tmp_path: Path) -> None:
+    initial = initial_file(tmp_path, [row_beside("A", 0.06)])
+    out = tmp_path / "out"
+    assert run(["explain", str(SAMPLE), "--shot", str(SHOT), "--out", str(out), "--initial", str(initial)]) == 0
+    made = {path.name for path in out.iterdir()}
+    assert {"3-search-P1.png", "4-face-P1.png", "6-plan.png", "explain.json"} <= made
+    (candidate,) = json.loads((out / "explain.json").read_text())["candidates"]
+    best = candidate["search"]["peaks"][0]["pose"]
+    assert best["y_m"] == pytest.approx(candidate["pose"]["y_m"], abs=0.05)
+    assert "sweep" not in candidate
 
 
 @pytest.mark.parametrize("shot", ["6", "-1", "100000"])

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Polygon
 from scipy.spatial.transform import RigidTransform
@@ -232,15 +233,46 @@ def plan(sigma: float, pose: LevelPose, model: PalletModel, **settings: Any) -> 
     return plan_figure([("P1", model, pose, covariance)], mounting, settings.get("shelf"))
 
 
+def drawn_times(table: Axes) -> list[int]:
+    """Return the factors of the first row: of the ellipse and of the fan."""
+    sign = "\N{MULTIPLICATION SIGN} "
+    return [int(text.get_text().removeprefix(sign)) for text in table.texts if text.get_text().startswith(sign)][:2]
+
+
 @pytest.mark.parametrize("sigma", [0.0005, 0.004, 0.03])
-def test_the_ellipse_shows_two_standard_deviations_times_the_stated_factor(sigma: float, t11: PalletModel) -> None:
+def test_the_ellipses_show_one_and_three_standard_deviations_times_the_stated_factor(
+    sigma: float, t11: PalletModel
+) -> None:
     figure = plan(sigma, LevelPose(2.0, 1.9, 0.0, 1.5), t11)
-    stated = next(text.get_text() for text in figure.texts if "Ellipses" in text.get_text())
-    factor = float(stated.split(" times as")[0].split()[-1]) if "times as" in stated else 1.0
-    (ellipse,) = (patch for patch in figure.axes[0].patches if isinstance(patch, Ellipse))
-    axes = sorted([ellipse.get_width(), ellipse.get_height()])
-    assert axes == pytest.approx([4 * sigma * factor, 8 * sigma * factor])
-    assert axes[1] < 1.3
+    axes, table = figure.axes
+    factor = float(drawn_times(table)[0])
+    ellipses = [patch for patch in axes.patches if isinstance(patch, Ellipse)]
+    sizes = sorted(sorted([patch.get_width(), patch.get_height()]) for patch in ellipses)
+    assert sizes[0] == pytest.approx([2 * sigma * factor, 4 * sigma * factor])
+    assert sizes[1] == pytest.approx([6 * sigma * factor, 12 * sigma * factor])
+    assert 0.2 < sizes[1][1] < 1.0
+
+
+def test_an_ellipse_that_can_be_seen_has_its_true_size(t11: PalletModel) -> None:
+    figure = plan(0.03, LevelPose(2.0, 1.9, 0.0, 1.5), t11)
+    assert drawn_times(figure.axes[1])[0] == 1
+
+
+def test_names_of_stacked_pallets_do_not_cover_each_other(t11: PalletModel) -> None:
+    mounting, covariance = Mounting(RigidTransform.from_translation([0.3, -0.08, 1.85])), np.eye(4) * 1e-5
+    poses = [LevelPose(2.0 + 0.1 * i, 1.9, float(i), 1.5) for i in range(3)]
+    figure = plan_figure([(f"P{i}", t11, pose, covariance) for i, pose in enumerate(poses)], mounting, None)
+    png(figure)
+    boxes = [text.get_window_extent() for text in figure.axes[0].texts if text.get_text().startswith("P")]
+    assert len(boxes) == 3
+    assert not any(one.overlaps(other) for i, one in enumerate(boxes) for other in boxes[:i])
+
+
+def test_the_map_has_a_row_of_numbers_for_each_pallet(t11: PalletModel) -> None:
+    figure = plan(0.004, LevelPose(2.0, 1.9, 0.5, 1.5), t11)
+    cells = [text.get_text() for text in figure.axes[1].texts]
+    assert cells.count("0.500") == 2  # the height in metres, and the yaw's sigma in degrees
+    assert {"P1", "0.500", "2.000", "1.900", "8.0", "4.0", "85.94"} <= set(cells)
 
 
 def test_the_pallet_lies_behind_its_front_on_the_map(t11: PalletModel) -> None:

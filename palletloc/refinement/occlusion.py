@@ -1,0 +1,102 @@
+"""Which part of a face something stands before: where all the level lines that are seen elsewhere are missing.
+
+An upright, a carton or a bin hides every line behind it at once, so independent lines vote for each stretch of the
+face. A line that is nowhere seen has no vote: it may lie in the shadow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from palletloc.edge_fit import EdgeFit, EdgePeaks
+from palletloc.face import FaceEdge
+from palletloc.geometry import BoolArray, FloatArray
+from palletloc.refinement.cuts import FaceCuts
+
+BINS = 24
+"""Stretches of the face's width that are voted on."""
+SUPPORT = 0.4
+"""Part of the cuts in a stretch, of all lines together, that show their edges where nothing is hidden."""
+VOTERS = 2
+"""Fewest lines that must vote on a stretch."""
+ALIKE = 3.0
+"""Factor within which the gradients along an edge are alike."""
+LEAST_WIDTH = 2
+"""Fewest neighbouring stretches that are hidden by something: a pallet has dents and labels, too."""
+MOSTLY = 0.6
+"""Part of an edge that is hidden where it counts as hidden."""
+
+
+def hidden_spans(
+    cuts: FaceCuts, peaks: EdgePeaks, fits: Sequence[EdgeFit | None], tolerance: FloatArray
+) -> tuple[tuple[float, float], ...]:
+    """Return the stretches of the face that something stands before.
+
+    Parameters
+    ----------
+    cuts : FaceCuts
+        Across the lines.
+    peaks : EdgePeaks
+        On the cuts.
+    fits : sequence of EdgeFit or None
+        Of each line.
+    tolerance : (lines,) array
+        How far from its line a peak belongs to it, in metres.
+
+    Returns
+    -------
+    tuple of (left, right)
+        In metres on the face, from left to right; empty where nothing is hidden.
+    """
+    voters = [i for i, fit in enumerate(fits) if fit is not None and cuts.level[i]]
+    if len(voters) < VOTERS:
+        return ()
+    half = max(line.whole.end[0] for line, level in zip(cuts.lines, cuts.level, strict=True) if level)
+    count, shown, lines = np.zeros(BINS), np.zeros(BINS), np.zeros(BINS, dtype=int)
+    for i in voters:
+        fit, seen = fits[i], peaks.strength[i] >= 0
+        if fit is None or not seen.any():
+            continue
+        along, strength = peaks.along[i, seen], peaks.strength[i, seen]
+        place = np.floor((along + cuts.lines[i].whole.middle[0] + half) / (2 * half) * BINS)
+        on_line = np.abs(peaks.offset[i, seen] - fit.offset - fit.slope * along) < tolerance[i]
+        on_line &= (strength > fit.strength / ALIKE) & (strength < fit.strength * ALIKE)
+        place = place.astype(int).clip(0, BINS - 1)
+        here = np.bincount(place, minlength=BINS)
+        count += here
+        shown += np.bincount(place, weights=on_line, minlength=BINS)
+        lines += here > 0
+    # neighbours share their votes: something that hides a stretch is not narrower
+    spread = np.ones(3)
+    hidden = np.convolve(shown, spread, "same") < SUPPORT * np.convolve(count, spread, "same")
+    hidden &= lines >= VOTERS
+    return tuple((-half + first * 2 * half / BINS, -half + last * 2 * half / BINS) for first, last in _runs(hidden))
+
+
+def _runs(hidden: BoolArray) -> list[tuple[int, int]]:
+    """Return first and one past the last of each long enough run."""
+    steps = np.flatnonzero(np.diff(np.concatenate([[False], hidden, [False]]).astype(int)))
+    return [(int(first), int(last)) for first, last in steps.reshape(-1, 2) if last - first >= LEAST_WIDTH]
+
+
+def hidden_part(left: float, right: float, spans: Sequence[tuple[float, float]]) -> float:
+    """Return which part of a stretch of the face is hidden, 0 to 1.
+
+    Parameters
+    ----------
+    left, right : float
+        Ends of the stretch, in metres; an upright edge has none of it and is hidden or not.
+    spans : sequence of (left, right)
+        From `hidden_spans`.
+    """
+    if right - left <= 0:
+        return float(any(low <= left <= high for low, high in spans))
+    covered = sum(max(0.0, min(right, high) - max(left, low)) for low, high in spans)
+    return min(1.0, covered / (right - left))
+
+
+def is_hidden(edge: FaceEdge, spans: Sequence[tuple[float, float]]) -> bool:
+    """Tell whether most of an edge is hidden."""
+    return hidden_part(edge.start[0], edge.end[0], spans) > MOSTLY

@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palletloc.candidate import Candidate, ShotView
+from palletloc.config import Method
+from palletloc.geometry import LevelPose
+from palletloc.io.explanation import explanation_document
+from palletloc.localizer import Explanation, Localizer, Start
+from palletloc.pallet import PalletModel
+
+POSE = LevelPose(0.4, 2.0, 0.0, np.radians(91))
+START = replace(POSE, y=2.05)
+
+
+@pytest.fixture(scope="module")
+def explained(portrait: Callable[..., ShotView], t11: PalletModel) -> Explanation:
+    shot = portrait(t11, POSE)
+    localizer = Localizer(shot.projector.camera, shot.mounting, [t11], Method.REFINED)
+    return localizer.explain_from(shot.image, 0.0, [Start("t11", START)], (0.0,))
+
+
+@pytest.fixture(scope="module")
+def candidate(explained: Explanation) -> Candidate:
+    return explained.candidates[0]
+
+
+@pytest.fixture(scope="module")
+def numbers(explained: Explanation, candidate: Candidate) -> dict[str, Any]:
+    document = explanation_document(explained, [("P1", candidate)], "refined")
+    read: dict[str, Any] = json.loads(json.dumps(document, allow_nan=False))["candidates"][0]
+    return read
+
+
+def test_the_table_of_scores_has_its_axes(numbers: dict[str, Any], candidate: Candidate) -> None:
+    assert candidate.search is not None
+    search = numbers["search"]
+    assert np.shape(search["score"]) == (len(search["yaw_rad"]), len(search["range_m"]))
+    assert np.array(search["score"]) == pytest.approx(candidate.search.found.score, rel=1e-5)
+    assert search["yaw_rad"][0] < START.yaw < search["yaw_rad"][-1]
+    away = float(np.hypot(START.x - 0.3, START.y + 0.08))
+    assert search["range_m"][0] < away < search["range_m"][-1]
+
+
+def test_the_best_peak_is_near_the_pallet(numbers: dict[str, Any]) -> None:
+    peaks = numbers["search"]["peaks"]
+    scores = [peak["score"] for peak in peaks]
+    assert scores == sorted(scores, reverse=True)
+    assert peaks[0]["pose"]["y_m"] == pytest.approx(POSE.y, abs=0.03)
+    assert peaks[0]["range_m"] == pytest.approx(np.hypot(POSE.x - 0.3, POSE.y + 0.08), abs=0.03)
+
+
+def test_every_edge_says_what_became_of_it(numbers: dict[str, Any], candidate: Candidate) -> None:
+    assert candidate.face is not None
+    edges = numbers["face"]["edges"]
+    assert [edge["number"] for edge in edges] == list(range(1, len(edges) + 1))
+    assert {edge["fate"] for edge in edges} <= {"used", "rejected", "not_seen", "hidden"}
+    measured = [edge for edge in edges if "offset_m" in edge]
+    assert len(measured) == len(candidate.face.seen.edges)
+    assert all(edge["fate"] in ("used", "rejected") and edge["sigma_m"] > 0 for edge in measured)
+    assert [edge["load_above"] for edge in edges] == [edge["edge"] == "top" for edge in edges]
+
+
+def test_the_ellipse_is_the_covariances(numbers: dict[str, Any]) -> None:
+    ellipse, covariance = numbers["ellipse"], np.array(numbers["covariance"])[:2, :2]
+    heading = ellipse["heading_rad"]
+    axes = np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]])
+    rebuilt = axes @ np.diag([ellipse["major_m"] ** 2, ellipse["minor_m"] ** 2]) @ axes.T
+    assert rebuilt == pytest.approx(covariance, rel=1e-3, abs=1e-9)
+    assert ellipse["major_m"] >= ellipse["minor_m"]
+
+
+def test_closer_searches_are_listed(explained: Explanation, candidate: Candidate) -> None:
+    assert candidate.search is not None
+    coarse = replace(candidate, search=replace(candidate.search, finer=(candidate.search,)))
+    (one,) = explanation_document(explained, [("P1", coarse)], "refined")["candidates"]
+    assert [set(closer) >= {"yaw_rad", "range_m", "score", "peaks"} for closer in one["search"]["closer"]] == [True]

@@ -11,7 +11,7 @@ from palletloc.candidate import Candidate, ShotView
 from palletloc.config import LocalizerConfig
 from palletloc.geometry import LevelPose, wrap_angle
 from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
-from palletloc.refinement.alignment import YawPrior, fit_face
+from palletloc.refinement.alignment import FaceEstimate, YawPrior, fit_face
 from palletloc.refinement.appearance import opening_contrasts
 from palletloc.refinement.hypotheses import Spans, score_pose
 from palletloc.refinement.occlusion import hidden_part
@@ -24,6 +24,9 @@ SHOWN = 0.3
 """Part of an opening that may be hidden where its contrast counts."""
 WEAK_DOUBT = 0.5
 """Doubt from which on a covariance grows where only the face gives yaw or distance."""
+DOUBTED_APART, REFUSED_APART, REFUSED_APART_DEG = 2.5, 4.0, 1.0
+"""How far the yaw of the level lines may be off: in their standard deviations until the pose becomes less certain,
+and in those and in degrees until it is refused."""
 NATS_PER_EDGE = 2.0
 """How much less likely, as a logarithm, each missing or contradicting edge makes a pose."""
 GLANCE_CONTRAST = 0.9
@@ -119,6 +122,19 @@ def _fit(shot: ShotView, candidate: Candidate, pose: LevelPose, patch: FacePatch
         return candidate.refuse(Stage.VERIFICATION, Reason.OFF_LEVEL)
     if candidate.verification.reason is not None:
         return candidate.refuse(Stage.VERIFICATION, candidate.verification.reason)
+    return _compare_yaws(candidate, face)
+
+
+def _compare_yaws(candidate: Candidate, face: FaceEstimate) -> None:
+    """Refuse a pose whose yaw the level lines alone contradict, or make it less certain."""
+    said = face.level_yaw
+    if said is None or candidate.covariance is None:
+        return None
+    apart = abs(said.turn) / said.sigma
+    if apart > REFUSED_APART and abs(said.turn) > np.radians(REFUSED_APART_DEG):
+        return candidate.refuse(Stage.VERIFICATION, Reason.YAW_DISAGREES)
+    if apart > DOUBTED_APART:
+        candidate.covariance = candidate.covariance * (1 + said.turn**2 / candidate.covariance[3, 3])
     return None
 
 

@@ -205,7 +205,7 @@ class Localizer:
         """Return a candidate that was not found near its start beyond doubt, measured widely if that helps."""
         if candidate.refusal is not None and candidate.refusal[0] is Stage.START:
             return candidate
-        certain = candidate.face is None or candidate.face.doubt < self.config.face_fit.max_doubt
+        certain = candidate.face is None or candidate.rank >= self.config.verification.certain
         if candidate.refusal is None and certain:
             return candidate
         prior, config = self.config.prior, self.config

@@ -75,6 +75,8 @@ class Reason(StrEnum):
     """Openings and blocks do not differ as those of a pallet do."""
     OVERLAP = "overlap"
     """A better pallet stands in the same place."""
+    YAW_DISAGREES = "yaw_disagrees"
+    """The level lines turn the face otherwise than all its edges together do."""
     UNCERTAIN = "uncertain"
     """A pallet, but its pose is too uncertain to be of use."""
     OFF_LEVEL = "off_level"

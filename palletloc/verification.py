@@ -25,7 +25,9 @@ all kinds of light, pallets, cameras and noise.
 """
 USUAL_CONTRAST, USUAL_SCORE, USUAL_COVERAGE, USUAL_DOUBT = 2.0, 0.5, 0.65, 3.0
 """What pallets and other places show equally often."""
-HIDDEN = -8.0
+NO_CONTRAST = 3.0
+"""Evidence per factor e of a contrast below the usual one: few pallets have openings like their blocks."""
+HIDDEN = -10.0
 """Evidence of a face that is wholly hidden: what seems to be hidden may as well not be there."""
 CLEAR_CONTRAST = 4.0
 """Contrast from which on more says nothing more."""
@@ -106,7 +108,8 @@ def verify(signs: Signs, config: VerificationConfig) -> Verification:
 
 def _evidence(signs: Signs) -> tuple[float, float]:
     """Return the evidence for a pallet from what lies between the edges and from the edges, in nats."""
-    between = CONTRAST * math.log(min(max(signs.contrast, 0.2), CLEAR_CONTRAST) / USUAL_CONTRAST)
+    contrast = math.log(min(max(signs.contrast, 0.2), CLEAR_CONTRAST) / USUAL_CONTRAST)
+    between = (CONTRAST if contrast > 0 else NO_CONTRAST) * contrast
     edges = SCORE * (min(max(signs.score, 0.0), 1.0) - USUAL_SCORE) + COVERAGE * (signs.coverage - USUAL_COVERAGE)
     missing = DOUBT * math.log((max(signs.doubt, 0.0) + 0.5) / USUAL_DOUBT) + HIDDEN * signs.hidden
     return between, edges + missing

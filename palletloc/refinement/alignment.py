@@ -20,6 +20,7 @@ from palletloc.measurement import HeightPrior, Reason
 from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
 from palletloc.plane import PALLET_FROM_VERTICAL
+from palletloc.refinement.agreement import LevelYaw, level_yaw
 from palletloc.refinement.edges import EdgeReach, SeenFace, measure_face
 from palletloc.refinement.occlusion import hidden_part, is_hidden
 from palletloc.refinement.system import USED_WEIGHT, FaceSolution, FaceSystem
@@ -48,6 +49,8 @@ class FaceFitConfig:
     """Least part of an edge that must be seen for it to count."""
     max_doubt: float = 1.5
     """Up to how many missing or contradicting edges a pose is taken without trying another."""
+    hopeless_doubt: float = 8.0
+    """From how many missing or contradicting edges on another round would not help."""
     min_edges: int = 5
     """Fewest edges that must be seen."""
     max_hidden: float = 0.5
@@ -83,11 +86,13 @@ class FaceEstimate:
     weights: FloatArray
     """(edges,) weight of each edge in the robust fit, 0 to 1."""
     coverage: float
-    """Part of the face's edges that lies where the pose says, 0 to 1, by length."""
+    """Part of the face's edges that lies where the pose says, 0 to 1: the mean of level and upright ones."""
     chi2: float
     """Mean squared normalised residual of the edges that count."""
     hidden: tuple[FaceEdge, ...] = ()
     """Edges that something stands before."""
+    level_yaw: LevelYaw | None = None
+    """What the level lines alone say of the yaw: how far from the pose's, in radians."""
 
     @property
     def doubt(self) -> float:
@@ -164,7 +169,9 @@ def fit_face(
         solution = system.solve()
         if float(np.sqrt(solution.covariance[:3, :3].diagonal().max())) > config.max_sigma:
             return Reason.FEW_EDGES
-        estimate = _estimate(seen, pose, model, solution)
+        estimate = _estimate(seen, pose, model, solution, level_yaw(seen, config.slope_error_px))
+        if estimate.doubt > config.hopeless_doubt:
+            break
         pose = estimate.forklift_from_pallet
         small = np.maximum(config.small_motion, SMALL_PART * np.sqrt(solution.covariance.diagonal()))
         if (np.abs(solution.motion) < small).all() and upright <= config.reach:
@@ -172,7 +179,9 @@ def fit_face(
     return Reason.FEW_EDGES if estimate is None else estimate
 
 
-def _estimate(seen: SeenFace, pose: LevelPose, model: PalletModel, solution: FaceSolution) -> FaceEstimate:
+def _estimate(
+    seen: SeenFace, pose: LevelPose, model: PalletModel, solution: FaceSolution, said: LevelYaw | None
+) -> FaceEstimate:
     right, up, depth, turn = (float(value) for value in solution.motion)
     cos, sin = float(np.cos(pose.yaw)), float(np.sin(pose.yaw))
     moved = LevelPose(
@@ -186,15 +195,27 @@ def _estimate(seen: SeenFace, pose: LevelPose, model: PalletModel, solution: Fac
     lines = [line.whole for line in visible_lines(model, seen.plane_from_camera)]
     hidden = tuple(line for line in lines if is_hidden(line, seen.hidden))
     coverage = _coverage(seen, lines, solution)
-    return FaceEstimate(moved, covariance, seen, solution.weights, coverage, solution.chi2, hidden)
+    if said is not None:
+        said = replace(said, turn=said.turn - turn)
+    return FaceEstimate(moved, covariance, seen, solution.weights, coverage, solution.chi2, hidden, said)
 
 
 def _coverage(seen: SeenFace, lines: Sequence[FaceEdge], solution: FaceSolution) -> float:
-    lines = [line for line in lines if not seen.loaded(line)]
-    covered = sum(
-        one.edge.length * one.fit.coverage
-        for one, weight in zip(seen.edges, solution.weights, strict=True)
-        if weight > USED_WEIGHT and not seen.loaded(one.edge)
-    )
-    visible = sum(line.length * (1 - hidden_part(line.start[0], line.end[0], seen.hidden)) for line in lines)
-    return min(1.0, float(covered / visible)) if visible > 0 else 0.0
+    """Return the part of the edges that is seen: upright ones count as much as level ones, which are longer.
+
+    A line on the floor covers every level edge of a face and no upright one.
+    """
+    parts = []
+    for level in (True, False):
+        visible = sum(
+            line.length * (1 - hidden_part(line.start[0], line.end[0], seen.hidden))
+            for line in lines
+            if line.horizontal is level and not seen.loaded(line)
+        )
+        covered = sum(
+            one.edge.length * one.fit.coverage
+            for one, weight in zip(seen.edges, solution.weights, strict=True)
+            if one.edge.horizontal is level and weight > USED_WEIGHT and not seen.loaded(one.edge)
+        )
+        parts.append(min(1.0, covered / visible) if visible > 0 else 0.0)
+    return float(np.mean(parts))

@@ -89,8 +89,9 @@ class EdgeReach:
     """About how far cuts across an edge are apart, in pixels of the image."""
     faint: bool = True
     """Whether faint edges are looked for, too."""
-    own_half: bool = False
-    """Whether to stop half-way to the next parallel line: beyond, a peak is that line's."""
+    settled: bool = False
+    """Whether the face is known to be where it is looked for: then a peak beyond half the way to the next parallel
+    line is that line's, and where all lines are missing something stands before them."""
 
 
 def measure_face(
@@ -132,7 +133,7 @@ def measure_face(
     pixel = np.where(cuts.level[:, None], [[up, right]], [[right, up]])
     across = pixel[:, 0]
     far = np.maximum(np.where(cuts.level, reach.level, reach.upright), reach.pixels * across)
-    if reach.own_half:
+    if reach.settled:
         halfway = np.array([0.5 * _gap(line.whole, model) for line in cuts.lines])
         far = np.minimum(far, np.maximum(halfway, LEAST_REACH * across))
     shifts = [edge_shift(line.whole, plane_from_camera, model) for line in cuts.lines]
@@ -145,7 +146,8 @@ def measure_face(
     if reach.faint and clear < MOST_CLEAR * len(fits):
         peaks, faint = _fits(profiles, FAINT_SMOOTHING_PX)
         fits = [_clearer(*both) for both in zip(fits, faint, strict=True)]
-    hidden = hidden_spans(cuts, peaks, fits, np.maximum(BELONGS_PX * across, model.tolerance))
+    belongs = np.maximum(BELONGS_PX * across, model.tolerance)
+    hidden = hidden_spans(cuts, peaks, fits, belongs) if reach.settled else ()
     edges = tuple(
         MeasuredEdge(line.whole, fit, _sigma(line.whole, fit, model, size), shift, size)
         for line, fit, shift, size in zip(cuts.lines, fits, shifts, across.tolist(), strict=True)

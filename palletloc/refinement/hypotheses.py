@@ -122,7 +122,8 @@ def score_hypotheses(
     score = level.ravel()[chosen, None] + _rest_scores(patch, model, seen)
     table = level.max(axis=2)
     np.maximum.at(table, (turn, distance), score.max(axis=1))
-    peaks = [_polished(patch, model, seen.at(*place), grid) for place in _peaks(score, seen, patch, config)]
+    best = [seen.at(*place) for place in _peaks(score, seen, patch, config)]
+    peaks = _polished(patch, model, np.array(best), grid) if best else []
     peaks.sort(key=lambda peak: -peak.score)
     return HypothesisScores(grid, table, tuple(peaks))
 
@@ -272,21 +273,27 @@ def _peaks(
         remaining[near & (np.abs(tried.place - place) < config.apart)] = -np.inf
 
 
-def _polished(patch: FacePatch, model: PalletModel, best: FloatArray, grid: HypothesisGrid) -> Scored:
-    """Return the best pose between a hypothesis and its neighbours on the grid."""
+def _polished(patch: FacePatch, model: PalletModel, best: FloatArray, grid: HypothesisGrid) -> list[Scored]:
+    """Return the best poses between hypotheses, (n, 4), and their neighbours on the grid."""
     samples = face_samples(model)
     steps = [_step(axis) for axis in (grid.turns, grid.ranges, grid.places, grid.rises)]
     offsets = [np.array([-0.35, 0.0, 0.35]) * step if step else np.zeros(1) for step in steps]
-    turn, distance, place, rise = (part.ravel() for part in np.meshgrid(*offsets, indexing="ij"))
-    tried = _Hypotheses(turn + best[0], distance + best[1], place + best[2], rise + best[3], grid.sliding)
-    field = patch.along_level(_slope(patch, model, float(best[0])))
+    around = np.stack([part.ravel() for part in np.meshgrid(*offsets, indexing="ij")])
+    turn, distance, place, rise = (best[:, i, None] + around[i] for i in range(4))
+    tried = _Hypotheses(turn, distance, place, rise, grid.sliding)
     columns, rows = tried.appearing(patch, samples.level)
-    score = _looked_up(field, columns, rows) @ samples.level_weight + _rest_scores(patch, model, tried)
-    # a plateau has no best place but a middle
-    top = score >= score.max() - 0.01
-    turn, distance, place, rise = (np.mean(part[top], keepdims=True) for part in tried[:4])
-    middle = _Hypotheses(turn, distance, place, rise, grid.sliding)
-    return Scored(middle.pose(patch), float(score.max()))
+    score = _rest_scores(patch, model, tried)
+    for i, one in enumerate(best):
+        field = patch.along_level(_slope(patch, model, float(one[0])))
+        score[i] += _looked_up(field, columns[i], rows[i]) @ samples.level_weight
+    found = []
+    for i in range(len(best)):
+        # a plateau has no best place but a middle
+        top = score[i] >= score[i].max() - 0.01
+        places = [np.mean(part[i, top], keepdims=True) for part in (turn, distance, place, rise)]
+        middle = _Hypotheses(places[0], places[1], places[2], places[3], grid.sliding)
+        found.append(Scored(middle.pose(patch), float(score[i].max())))
+    return found
 
 
 def _step(axis: FloatArray) -> float:

@@ -162,7 +162,7 @@ def _pallet_timings(recording: Recording, target: Target, rounds: int) -> Timing
     return take_turns({str(method): measure(method) for method in Method}, rounds)
 
 
-def _new_localizer(recording: Recording, method: Method = Method.HORIZONTAL_PLANE) -> Localizer:
+def _new_localizer(recording: Recording, method: Method = Method.REFINED) -> Localizer:
     return Localizer(recording.camera, recording.mounting, recording.models, method)
 
 

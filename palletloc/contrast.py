@@ -9,7 +9,7 @@ import numpy as np
 
 from palletloc.geometry import BoolArray, FloatArray, Image
 from palletloc.pallet import PalletModel
-from palletloc.plane import PlaneGrid, PlaneView
+from palletloc.plane import PlaneGrid
 
 SMOOTHING = 0.006
 """Standard deviation of the smoothing before colours are compared, in metres."""
@@ -20,24 +20,6 @@ MARGIN = 0.15
 
 Placing = Callable[[FloatArray], FloatArray]
 """Maps (n, 2) points of the face to points of the viewed plane, in metres."""
-
-
-def face_contrast(view: PlaneView, model: PalletModel) -> float:
-    """Return how clearly openings differ from blocks on a view of the face at its pose.
-
-    Parameters
-    ----------
-    view : PlaneView
-        The front face.
-    model : PalletModel
-        The pallet.
-
-    Returns
-    -------
-    float
-        As `opening_contrast` has it.
-    """
-    return opening_contrast(smoothed(view.image, view.grid), view.grid, model, lambda points: points)
 
 
 def smoothed(image: Image, grid: PlaneGrid) -> Image:

@@ -96,7 +96,7 @@ class PalletMeasurement:
     covariance: FloatArray
     """(4, 4) covariance of (x, y, z, yaw) in the forklift frame, in metres and radians."""
     score: float
-    """How well the image agrees with the model there, 0 to 1; a rank, not a probability."""
+    """How much the image speaks for a pallet there, 0 to 1: a rank among candidates."""
     yaw_from: YawSource
     """Which line gave the yaw."""
     file: str = ""

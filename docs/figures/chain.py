@@ -1,4 +1,4 @@
-"""The chain on one pallet of the sample: detection, yaw, position, edges."""
+"""The paper's chain on one pallet of the sample: detection, yaw, position, edges."""
 
 from importlib.resources import files
 from pathlib import Path
@@ -7,18 +7,21 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
+from palletloc.config import Method
 from palletloc.drawing.canvas import show_view
 from palletloc.drawing.face_figure import edge_stretches
 from palletloc.drawing.outline import place_outline, seen_on_plane
+from palletloc.face_view import view_face
 from palletloc.io.recording import read_recording
 from palletloc.localizer import Localizer
-from palletloc.measurement import YawSource
+from palletloc.measurement import Reason, YawSource
 
 recording = read_recording(Path(str(files("palletloc") / "sample")))
-shot = recording.shots[0]
-localizer = Localizer(recording.camera, recording.mounting, recording.models)
+shot = recording.shots[3]
+localizer = Localizer(recording.camera, recording.mounting, recording.models, Method.HORIZONTAL_PLANE)
 shelf = recording.shelf.seen_from(recording.odometry.pose_at(shot.time))
-explained = localizer.explain(recording.image(shot), shot.time, shelf)
+image = recording.image(shot)
+explained = localizer.explain(image, shot.time, shelf)
 found = [one for one in explained.candidates if one.refusal is None]
 pallet = next(one for one in found if one.yaw_from is YawSource.BOTTOM)
 band = next(view for view in explained.shelf_views if abs(view.view.grid.top) < 1.0)
@@ -56,8 +59,11 @@ score.grid(color="0.9")
 score.set_title("C  the sweep: agreement of the template over the distance", loc="left", fontsize=10)
 score.set(xlabel="shift of the plane away from the camera / cm", ylabel="score")
 
-if pallet.face is not None:
-    show_view(face, pallet.face.seen.view)
+if pallet.face is not None and pallet.pose is not None:
+    camera_from_forklift = recording.forklift_from_camera.inv()
+    seen = view_face(localizer.projector, image, camera_from_forklift, pallet.pose, pallet.model, 0.002)
+    if not isinstance(seen, Reason):
+        show_view(face, seen)
     for measured in pallet.face.seen.edges:
         for ends in edge_stretches(measured, pallet.model):
             face.plot(*ends.T, color="lime", linewidth=1.2)

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from palletloc.contrast import face_contrast, opening_contrast, opening_contrasts, smoothed
+from palletloc.contrast import opening_contrast, opening_contrasts, smoothed
 from palletloc.geometry import FloatArray
 from palletloc.pallet import PalletModel
 from palletloc.plane import PlaneGrid, PlaneView
@@ -15,6 +15,11 @@ from palletloc.plane import PlaneGrid, PlaneView
 GRID = PlaneGrid.spanning(-0.66, 0.66, -0.06, 0.21, 0.004)
 STRAIGHT = np.array([0.0, 0.0, 3.0])
 Draw = Callable[..., PlaneView]
+
+
+def face_contrast(view: PlaneView, model: PalletModel) -> float:
+    """The contrast on a view of the face at its pose."""
+    return opening_contrast(smoothed(view.image, view.grid), view.grid, model, lambda points: points)
 
 
 def noisy(view: PlaneView, sigma: float = 4.0) -> PlaneView:

@@ -12,16 +12,14 @@ from palletloc.config import LocalizerConfig
 from palletloc.geometry import LevelPose, wrap_angle
 from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
 from palletloc.refinement.alignment import FaceEstimate, YawPrior, fit_face
-from palletloc.refinement.appearance import opening_contrasts
-from palletloc.refinement.hypotheses import Spans, score_pose
-from palletloc.refinement.occlusion import hidden_part
+from palletloc.refinement.appearance import SHOWN, opening_contrasts
+from palletloc.refinement.hypotheses import score_pose
+from palletloc.refinement.occlusion import Spans, hidden_part
 from palletloc.refinement.patch import FacePatch
 from palletloc.verification import Signs, of_use, verify
 
 MOST_ATTEMPTS = 3
 """How many starts are tried where only the face gives yaw or distance."""
-SHOWN = 0.3
-"""Part of an opening that may be hidden where its contrast counts."""
 WEAK_DOUBT = 0.5
 """Doubt from which on a covariance grows where only the face gives yaw or distance."""
 DOUBTED_APART, REFUSED_APART, REFUSED_APART_DEG = 2.5, 4.0, 1.0
@@ -95,7 +93,7 @@ def keep_best(
 def _contrast(patch: FacePatch, pose: LevelPose, candidate: Candidate, hidden: Spans = ()) -> float:
     """Return how clearly the less clear opening differs from the blocks beside it, NaN where that is not seen."""
     shown = [hidden_part(one.left, one.right, hidden) < SHOWN for one in candidate.model.openings]
-    return float(opening_contrasts(patch, candidate.model, pose)[shown].min()) if any(shown) else 0.0
+    return float(opening_contrasts(patch, candidate.model, pose, hidden)[shown].min()) if any(shown) else 0.0
 
 
 def _fit(shot: ShotView, candidate: Candidate, pose: LevelPose, patch: FacePatch, config: LocalizerConfig) -> None:

@@ -27,6 +27,8 @@ from palletloc.refinement.system import USED_WEIGHT, FaceSolution, FaceSystem
 
 SMALL_PART = 0.2
 """Part of its standard deviation below which a motion needs no further round."""
+CUT_SPACING_PX = 1.5
+"""About how far the cuts across an edge are apart, in pixels of the image."""
 HIDDEN_DOUBT = 0.5
 """How much an edge counts as missing that something seems to stand before."""
 FACE_IN_PALLET = PALLET_FROM_VERTICAL.as_matrix()
@@ -139,25 +141,16 @@ def fit_face(
     Returns
     -------
     FaceEstimate or Reason
-        `Reason.FEW_EDGES` where too little of the face is seen.
+        `Reason.FEW_EDGES` or `Reason.HIDDEN` where too little of the face is seen, `Reason.OUT_OF_VIEW` or
+        `Reason.BEHIND_FACE` where it cannot be.
     """
-    camera_from_forklift = mounting.camera_from_forklift
     pose, estimate = start, None
     for i in range(config.iterations):
-        face = pose.matrix() @ FACE_IN_PALLET
-        plane_from_camera = face[:3, :3].T @ (mounting.center - face[:3, 3])
-        if plane_from_camera[2] < MIN_DISTANCE:
-            return Reason.BEHIND_FACE
         upright = max(config.reach, config.first_reach / 2**i)
-        reach = EdgeReach(config.reach, upright, config.reach_px, 1.5, i > 0, i > 0)
-        seen = measure_face(camera, image, camera_from_forklift @ face, plane_from_camera, model, reach)
-        if seen is None:
-            return Reason.OUT_OF_VIEW
-        seen = replace(seen, edges=tuple(one for one in seen.edges if one.fit.coverage >= config.min_coverage))
-        if len(seen.edges) < config.min_edges:
-            return Reason.FEW_EDGES
-        if seen.hidden_part > config.max_hidden:
-            return Reason.HIDDEN
+        reach = EdgeReach(config.reach, upright, config.reach_px, CUT_SPACING_PX, faint=i > 0, settled=i > 0)
+        seen = _seen(camera, image, mounting, pose, model, reach, config)
+        if isinstance(seen, Reason):
+            return seen
         system = FaceSystem(seen, pose, mounting)
         system.add_height(height.z - pose.z, height.sigma)
         turned = wrap_angle(pose.yaw - start.yaw)
@@ -167,16 +160,39 @@ def fit_face(
             system.add_slopes(config.slope_error_px)
             system.add_turn(-turned, yaw_spread)
         solution = system.solve()
-        if float(np.sqrt(solution.covariance[:3, :3].diagonal().max())) > config.max_sigma:
+        sigma = np.sqrt(solution.covariance.diagonal())
+        if float(sigma[:3].max()) > config.max_sigma:
             return Reason.FEW_EDGES
         estimate = _estimate(seen, pose, model, solution, level_yaw(seen, config.slope_error_px))
-        if estimate.doubt > config.hopeless_doubt:
-            break
         pose = estimate.forklift_from_pallet
-        small = np.maximum(config.small_motion, SMALL_PART * np.sqrt(solution.covariance.diagonal()))
-        if (np.abs(solution.motion) < small).all() and upright <= config.reach:
+        small = np.maximum(config.small_motion, SMALL_PART * sigma)
+        settled = bool((np.abs(solution.motion) < small).all()) and upright <= config.reach
+        if settled or estimate.doubt > config.hopeless_doubt:
             break
     return Reason.FEW_EDGES if estimate is None else estimate
+
+
+def _seen(
+    camera: CameraModel,
+    image: Image,
+    mounting: Mounting,
+    pose: LevelPose,
+    model: PalletModel,
+    reach: EdgeReach,
+    config: FaceFitConfig,
+) -> SeenFace | Reason:
+    """Return the face at a pose with the edges that count."""
+    face = pose.matrix() @ FACE_IN_PALLET
+    plane_from_camera = face[:3, :3].T @ (mounting.center - face[:3, 3])
+    if plane_from_camera[2] < MIN_DISTANCE:
+        return Reason.BEHIND_FACE
+    seen = measure_face(camera, image, mounting.camera_from_forklift @ face, plane_from_camera, model, reach)
+    if seen is None:
+        return Reason.OUT_OF_VIEW
+    seen = replace(seen, edges=tuple(one for one in seen.edges if one.fit.coverage >= config.min_coverage))
+    if len(seen.edges) < config.min_edges:
+        return Reason.FEW_EDGES
+    return Reason.HIDDEN if seen.hidden_part > config.max_hidden else seen
 
 
 def _estimate(

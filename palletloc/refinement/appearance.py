@@ -9,17 +9,20 @@ from numpy.typing import NDArray
 
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.pallet import PalletModel
+from palletloc.refinement.occlusion import Spans, hidden_part
 from palletloc.refinement.patch import FacePatch
 
 POINTS = (9, 5)
 """Points in each block and each opening, along and up."""
 MARGIN = 0.15
 """Part of a block's or an opening's size that is left out on each side."""
+SHOWN = 0.3
+"""Part of a block or an opening that may be hidden where it counts."""
 NOISE = 2.0
 """Differences below this are noise, in gray levels."""
 
 
-def opening_contrasts(patch: FacePatch, model: PalletModel, pose: LevelPose) -> FloatArray:
+def opening_contrasts(patch: FacePatch, model: PalletModel, pose: LevelPose, hidden: Spans = ()) -> FloatArray:
     """Return how clearly each opening differs from the blocks beside it.
 
     Parameters
@@ -30,6 +33,8 @@ def opening_contrasts(patch: FacePatch, model: PalletModel, pose: LevelPose) -> 
         The pallet.
     pose : LevelPose
         ``forklift_from_pallet``.
+    hidden : sequence of (left, right)
+        Stretches of the face that something stands before, in metres: their blocks do not count.
 
     Returns
     -------
@@ -49,9 +54,13 @@ def opening_contrasts(patch: FacePatch, model: PalletModel, pose: LevelPose) -> 
     count = len(model.blocks)
     mean = seen[:count].mean(axis=1)
     within = seen[:count].var(axis=1).sum(axis=1)
-    center = (mean[:-1] + mean[1:]) / 2
-    between = ((mean[:-1] - mean[1:]) ** 2).sum(axis=1) / 4
-    spread = np.sqrt((within[:-1] + within[1:]) / 2 + between + NOISE**2)
+    shown = np.array([hidden_part(left, right, hidden) < SHOWN for left, right in model.blocks])
+    # where one block is hidden the other has to do, where both are it makes no difference
+    left, right = (np.where(shown[:-1] | shown[1:], part, True) for part in (shown[:-1], shown[1:]))
+    parts = np.stack([left, right]) / (left.astype(int) + right)
+    center = parts[0, :, None] * mean[:-1] + parts[1, :, None] * mean[1:]
+    between = parts[0] * parts[1] * ((mean[:-1] - mean[1:]) ** 2).sum(axis=1)
+    spread = np.sqrt(parts[0] * within[:-1] + parts[1] * within[1:] + between + NOISE**2)
     away = np.sqrt(np.median(((seen[count:] - center[:, None]) ** 2).sum(axis=2), axis=1))
     return np.asarray(away / spread)
 

@@ -30,6 +30,8 @@ LEAST_REACH = 0.75
 """How far an edge is looked for at least, in pixels of the image."""
 BELONGS_PX = 0.5
 """How far from its line a peak belongs to it, in pixels of the image."""
+FAINT, FAINT_ERROR = 0.1, 0.005
+"""Part of the usual gradient below which an edge is faint, and how far such an edge may be off, in metres."""
 PIXEL_ERROR = 0.05
 """What an edge's offset is uncertain by beyond its scatter, in pixels of the image."""
 NEIGHBOUR_ERROR = 2.0
@@ -148,8 +150,9 @@ def measure_face(
         fits = [_clearer(*both) for both in zip(fits, faint, strict=True)]
     belongs = np.maximum(BELONGS_PX * across, model.tolerance)
     hidden = hidden_spans(cuts, peaks, fits, belongs) if reach.settled else ()
+    usual = float(np.median([fit.strength for fit in fits if fit is not None] or [0.0]))
     edges = tuple(
-        MeasuredEdge(line.whole, fit, _sigma(line.whole, fit, model, size), shift, size)
+        MeasuredEdge(line.whole, fit, _sigma(line.whole, fit, model, size, FAINT * usual), shift, size)
         for line, fit, shift, size in zip(cuts.lines, fits, shifts, across.tolist(), strict=True)
         if fit is not None and not is_hidden(line.whole, hidden)
     )
@@ -223,8 +226,12 @@ def _gap(edge: FaceEdge, model: PalletModel) -> float:
     return _gaps(model)[edge.middle[1]] if edge.horizontal else np.inf
 
 
-def _sigma(edge: FaceEdge, fit: EdgeFit, model: PalletModel, pixel: float) -> float:
-    """Return what an edge's offset is uncertain by: edges a few pixels apart draw each other's peaks."""
+def _sigma(edge: FaceEdge, fit: EdgeFit, model: PalletModel, pixel: float, faint: float) -> float:
+    """Return what an edge's offset is uncertain by.
+
+    Edges a few pixels apart draw each other's peaks, and one that is much fainter than the others may be another.
+    """
     gap = _gap(edge, model)
     drawn = pixel * (PIXEL_ERROR + NEIGHBOUR_ERROR * float(np.exp(-gap / (NEIGHBOUR_PIXELS * pixel))))
-    return float(np.sqrt(fit.sigma_offset**2 + model.tolerance**2 + drawn**2))
+    other = FAINT_ERROR * max(0.0, 1 - fit.strength / faint) if faint > 0 else 0.0
+    return float(np.sqrt(fit.sigma_offset**2 + model.tolerance**2 + drawn**2 + other**2))

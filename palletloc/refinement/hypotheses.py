@@ -6,7 +6,7 @@ view of one plane, on which faces at any pose appear by central projection.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -15,11 +15,9 @@ import numpy as np
 from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 from palletloc.matching import Energy
 from palletloc.pallet import PalletModel
+from palletloc.refinement.occlusion import Spans
 from palletloc.refinement.patch import FacePatch
 from palletloc.refinement.samples import face_samples
-
-Spans = Sequence[tuple[float, float]]
-"""Stretches of a face: (left, right), in metres."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,6 +15,8 @@ from palletloc.face import FaceEdge
 from palletloc.geometry import BoolArray, FloatArray
 from palletloc.refinement.cuts import FaceCuts
 
+Spans = Sequence[tuple[float, float]]
+"""Stretches of a face: (left, right), in metres."""
 BINS = 24
 """Stretches of the face's width that are voted on."""
 SUPPORT = 0.4
@@ -53,7 +55,7 @@ def hidden_spans(
     voters = [i for i, fit in enumerate(fits) if fit is not None and cuts.level[i]]
     if len(voters) < VOTERS:
         return ()
-    half = max(line.whole.end[0] for line, level in zip(cuts.lines, cuts.level, strict=True) if level)
+    half = max(line.whole.end[0] for line in cuts.lines)
     count, shown, lines = np.zeros(BINS), np.zeros(BINS), np.zeros(BINS, dtype=int)
     for i in voters:
         fit, seen = fits[i], peaks.strength[i] >= 0
@@ -81,7 +83,7 @@ def _runs(hidden: BoolArray) -> list[tuple[int, int]]:
     return [(int(first), int(last)) for first, last in steps.reshape(-1, 2) if last - first >= LEAST_WIDTH]
 
 
-def hidden_part(left: float, right: float, spans: Sequence[tuple[float, float]]) -> float:
+def hidden_part(left: float, right: float, spans: Spans) -> float:
     """Return which part of a stretch of the face is hidden, 0 to 1.
 
     Parameters
@@ -97,6 +99,6 @@ def hidden_part(left: float, right: float, spans: Sequence[tuple[float, float]])
     return min(1.0, covered / (right - left))
 
 
-def is_hidden(edge: FaceEdge, spans: Sequence[tuple[float, float]]) -> bool:
+def is_hidden(edge: FaceEdge, spans: Spans) -> bool:
     """Tell whether most of an edge is hidden."""
     return hidden_part(edge.start[0], edge.end[0], spans) > MOSTLY

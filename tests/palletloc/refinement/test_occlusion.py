@@ -1,0 +1,191 @@
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from palletloc.edge_fit import EdgeFit, EdgePeaks
+from palletloc.face import EdgeKind, FaceEdge, face_lines
+from palletloc.geometry import FloatArray
+from palletloc.pallet import Opening, PalletModel
+from palletloc.refinement.cuts import FaceCuts, face_cuts
+from palletloc.refinement.occlusion import BINS, LEAST_WIDTH, MOSTLY, hidden_part, hidden_spans, is_hidden
+
+OPENINGS = tuple(Opening(center, 0.022, 0.3825, 0.1) for center in (-0.26375, 0.26375))
+MODEL = PalletModel("two_openings", 1.2, 0.144, 0.8, OPENINGS)
+HALF = MODEL.width / 2
+BIN = MODEL.width / BINS
+LINE = EdgeFit(0.0, 0.0, 1e-4, 1e-4, 1.0, 10.0)
+TOLERANCE = 0.003
+KINDS = (EdgeKind.TOP, EdgeKind.BOTTOM, EdgeKind.OPENING_TOP, EdgeKind.OPENING_BOTTOM)
+REACHED = 1.5 * BIN
+"""How well the ends of a hidden stretch are found: its bin, and half of a neighbour that has more lines."""
+LOST = ["nothing", "beside", "fainter", "stronger"]
+Spans = tuple[tuple[float, float], ...]
+
+
+@dataclass
+class Face:
+    """Peaks that lie on all lines, until some are taken away."""
+
+    cuts: FaceCuts
+    offset: FloatArray
+    strength: FloatArray
+    fits: list[EdgeFit | None]
+
+    @staticmethod
+    def drawn() -> Face:
+        cuts = face_cuts(MODEL, 0.005, 0.005, False)
+        strength = cuts.by_line(np.full(len(cuts.along), LINE.strength), -1.0)
+        return Face(cuts, np.zeros_like(strength), strength, [LINE] * len(cuts.lines))
+
+    def rows(self, kinds: Sequence[EdgeKind]) -> list[int]:
+        return [row for row, line in enumerate(self.cuts.lines) if line.kind in kinds]
+
+    def lose(self, left: float, right: float, kinds: Sequence[EdgeKind] = KINDS, instead: str = "nothing") -> None:
+        """Take the peaks of a stretch away, or put other ones there."""
+        along = self.cuts.by_line(self.cuts.along, np.inf)
+        for row in self.rows(kinds):
+            place = along[row] + self.cuts.lines[row].whole.middle[0]
+            lost = (place > left) & (place < right) & (self.strength[row] >= 0)
+            if instead == "beside":
+                self.offset[row, lost] = 2 * TOLERANCE
+            else:
+                factor = {"nothing": 0.0, "fainter": 0.2, "stronger": 5.0}[instead]
+                self.strength[row, lost] *= factor
+
+    def hidden(self) -> Spans:
+        peaks = EdgePeaks(self.cuts.by_line(self.cuts.along, 0.0), self.offset, self.strength)
+        return hidden_spans(self.cuts, peaks, self.fits, np.full(len(self.fits), TOLERANCE))
+
+
+@st.composite
+def separate(draw: st.DrawFn) -> Spans:
+    """Draw stretches of the face that do not touch, from left to right."""
+    ends = sorted(draw(st.lists(st.integers(-60, 60), min_size=2, max_size=8, unique=True)))
+    return tuple((0.01 * low, 0.01 * high) for low, high in zip(ends[::2], ends[1::2], strict=False))
+
+
+def test_where_all_lines_are_seen_nothing_is_hidden() -> None:
+    assert Face.drawn().hidden() == ()
+
+
+@pytest.mark.parametrize("instead", LOST)
+@settings(max_examples=25, deadline=None)
+@given(st.floats(-HALF, HALF - 4 * BIN), st.floats(4 * BIN, 0.5))
+def test_a_stretch_where_all_lines_are_lost_is_found(instead: str, left: float, width: float) -> None:
+    face = Face.drawn()
+    right = min(left + width, HALF)
+    face.lose(left, right, instead=instead)
+    found = face.hidden()
+    assert len(found) == 1
+    assert found[0] == pytest.approx((left, right), abs=REACHED)
+
+
+def test_two_stretches_are_told_apart() -> None:
+    face, lost = Face.drawn(), [(-0.4, -0.2), (0.15, 0.4)]
+    for left, right in lost:
+        face.lose(left, right)
+    found = face.hidden()
+    assert len(found) == 2
+    np.testing.assert_allclose(found, lost, atol=REACHED)
+
+
+@settings(max_examples=50, deadline=None)
+@given(separate())
+def test_stretches_ascend_and_lie_inside_the_face(lost: Spans) -> None:
+    face = Face.drawn()
+    for left, right in lost:
+        face.lose(left, right)
+    ends = np.array([-HALF, *(end for span in face.hidden() for end in span), HALF])
+    assert (np.diff(ends) >= -1e-9).all()
+    assert (np.diff(ends)[1::2] > (LEAST_WIDTH - 0.01) * BIN).all()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@settings(max_examples=10, deadline=None)
+@given(separate())
+def test_one_line_that_is_missing_hides_nothing(kind: EdgeKind, lost: Spans) -> None:
+    face = Face.drawn()
+    for left, right in lost:
+        face.lose(left, right, [kind])
+    assert face.hidden() == ()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_line_that_is_nowhere_seen_has_no_vote(kind: EdgeKind) -> None:
+    face = Face.drawn()
+    face.lose(-HALF, HALF, [kind])
+    face.fits = [None if row in face.rows([kind]) else LINE for row in range(len(face.fits))]
+    assert face.hidden() == ()
+    left, right = OPENINGS[0].left, OPENINGS[0].right
+    face.lose(left, right)
+    found = face.hidden()
+    assert len(found) == 1
+    assert hidden_part(left, right, found) > 0.7
+    assert found[0][0] > left - 2 * BIN
+    assert found[0][1] < right + 2 * BIN
+
+
+def test_a_line_alone_cannot_tell() -> None:
+    for kind in KINDS:
+        face = Face.drawn()
+        face.lose(-0.3, 0.3)
+        face.fits = [LINE if row in face.rows([kind]) else None for row in range(len(face.fits))]
+        assert face.hidden() == ()
+
+
+def test_upright_lines_have_no_vote() -> None:
+    face = Face.drawn()
+    face.lose(-HALF, HALF, [EdgeKind.SIDE, EdgeKind.OPENING_SIDE])
+    assert face.hidden() == ()
+
+
+def test_a_dent_hides_nothing() -> None:
+    face = Face.drawn()
+    face.lose(-0.4 * BIN, 0.4 * BIN)
+    assert face.hidden() == ()
+
+
+def test_peaks_are_counted_along_the_measured_line_and_not_the_drawn_one() -> None:
+    face = Face.drawn()
+    slope, offset = 0.02, 0.02
+    face.offset[:] = offset + slope * face.cuts.by_line(face.cuts.along, 0.0)
+    assert hidden_part(-HALF, HALF, face.hidden()) > 0.9
+    face.fits = [EdgeFit(offset, slope, 1e-4, 1e-4, 1.0, LINE.strength)] * len(face.fits)
+    assert face.hidden() == ()
+
+
+@given(separate(), st.floats(-HALF, HALF), st.floats(0.001, HALF))
+def test_the_hidden_part_is_a_part_and_adds_up(spans: Spans, left: float, width: float) -> None:
+    right = left + width
+    whole = hidden_part(left, right, spans)
+    assert 0.0 <= whole <= 1.0
+    middle = left + 0.3 * width
+    parts = 0.3 * hidden_part(left, middle, spans) + 0.7 * hidden_part(middle, right, spans)
+    assert parts == pytest.approx(whole, abs=1e-6)
+    assert sum(hidden_part(left, right, [span]) for span in spans) == pytest.approx(whole, abs=1e-9)
+
+
+@given(separate())
+def test_a_stretch_is_wholly_hidden_by_itself_and_not_at_all_by_nothing(spans: Spans) -> None:
+    for left, right in spans:
+        assert hidden_part(left, right, spans) == pytest.approx(1.0)
+        assert hidden_part(left, right, ()) == 0.0
+        assert hidden_part(left, left, spans) == 1.0
+    assert hidden_part(2 * HALF, 3 * HALF, spans) == 0.0
+    assert hidden_part(2 * HALF, 2 * HALF, spans) == 0.0
+
+
+@given(separate())
+def test_an_edge_is_hidden_where_most_of_it_is(spans: Spans) -> None:
+    for line in face_lines(MODEL):
+        edge: FaceEdge = line.whole
+        part = hidden_part(edge.start[0], edge.end[0], spans)
+        assert is_hidden(edge, spans) is (part > MOSTLY)
+        if not edge.horizontal:
+            assert is_hidden(edge, spans) is any(low <= edge.start[0] <= high for low, high in spans)

@@ -1,0 +1,214 @@
+"""Pallets with a post or a carton before part of the face: measured as well as the covariance says, or refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from palletloc.candidate import Candidate, ShotView
+from palletloc.config import LocalizerConfig
+from palletloc.face import FaceEdge, face_lines
+from palletloc.geometry import FloatArray, LevelPose, wrap_angle
+from palletloc.measurement import HeightPrior, Reason
+from palletloc.pallet import PalletModel
+from palletloc.refined import measure_refined
+from palletloc.refinement.alignment import HIDDEN_DOUBT, FaceEstimate, FaceFitConfig, YawPrior, fit_face
+
+POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
+FLOOR = HeightPrior(0.0, 0.003)
+CONFIG = LocalizerConfig()
+LENS_BLUR = 0.7
+"""Standard deviation of the blur of what is painted, in pixels."""
+NOISE = 1.5
+"""Standard deviation of its noise, in gray levels."""
+BEFORE = 0.05
+"""How far before the face the board stands, in metres."""
+TALL = 1.5
+"""Height of the board, in metres."""
+COLOURS = {"orange": (60, 140, 190), "dark": (40, 40, 40)}
+Portrait = Callable[..., ShotView]
+
+
+def behind(shot: ShotView, left: float, right: float, colour: str = "orange") -> ShotView:
+    """Stand a flat board upright before a stretch of the face; places on it in metres from its middle."""
+    rows, columns = np.mgrid[: shot.image.shape[0], : shot.image.shape[1]]
+    rays, origins, _ = shot.projector.camera.unproject(np.stack([columns, rows], -1).astype(float))
+    pallet_from_camera = (shot.camera_from_forklift * POSE.transform()).inv().as_matrix()
+    rays = rays @ pallet_from_camera[:3, :3].T
+    origins = origins @ pallet_from_camera[:3, :3].T + pallet_from_camera[:3, 3]
+    points = origins + rays * ((-BEFORE - origins[..., 0]) / rays[..., 0])[..., None]
+    along, up = -points[..., 1], points[..., 2]
+    part: FloatArray = np.ones(along.shape)
+    for place, low, high, axis in ((along, left, right, 1), (up, 0.0, TALL, 0)):
+        pixel = np.abs(np.gradient(place, axis=axis))
+        part *= np.clip((place - low) / pixel + 0.5, 0, 1) * np.clip((high - place) / pixel + 0.5, 0, 1)
+    part = np.asarray(cv2.GaussianBlur(part, (0, 0), LENS_BLUR), dtype=float)[..., None]
+    board = np.array(COLOURS[colour]) + np.random.default_rng(5).normal(0.0, NOISE, shot.image.shape)
+    image = np.clip(np.rint(shot.image * (1 - part) + board * part), 0, 255).astype(np.uint8)
+    return replace(shot, image=image)
+
+
+def covered(model: PalletModel, side: str, part: float) -> tuple[float, float]:
+    """Return the ends of a board that hides at least a part of the face, from a side or in the middle."""
+    half = model.width / 2
+    ends = {
+        "left": (-half - 0.1, -half + part * model.width),
+        "right": (half - part * model.width, half + 0.1),
+        "middle": (-part * half, part * half),
+    }
+    return ends[side]
+
+
+def measured(shot: ShotView, model: PalletModel, start: LevelPose) -> Candidate:
+    candidate = Candidate(model, start, FLOOR)
+    measure_refined(shot, candidate, CONFIG)
+    return candidate
+
+
+def fitted(shot: ShotView, model: PalletModel, config: FaceFitConfig = CONFIG.face_fit) -> FaceEstimate | Reason:
+    camera, known = shot.projector.camera, YawPrior(float(np.radians(0.1)), 0.0)
+    return fit_face(camera, shot.image, shot.mounting, POSE, model, FLOOR, known, 0.1, config)
+
+
+def estimate(shot: ShotView, model: PalletModel) -> FaceEstimate:
+    found = fitted(shot, model)
+    assert isinstance(found, FaceEstimate)
+    return found
+
+
+def aside(right: float) -> LevelPose:
+    return replace(POSE, x=POSE.x + float(np.sin(POSE.yaw)) * right, y=POSE.y - float(np.cos(POSE.yaw)) * right)
+
+
+def error(pose: LevelPose | None) -> FloatArray:
+    assert pose is not None
+    wrong = pose.as_array() - POSE.as_array()
+    wrong[3] = wrap_angle(wrong[3])
+    return wrong
+
+
+def assert_right_or_refused(found: Candidate, metres: float = np.inf) -> None:
+    """No row, or one whose pose is as right as it says."""
+    if found.refusal is None:
+        assert found.covariance is not None
+        wrong = error(found.pose)
+        assert (np.abs(wrong) < 4 * np.sqrt(np.diag(found.covariance))).all()
+        assert np.abs(wrong[:3]).max() < metres
+
+
+@pytest.fixture(params=["epal", "t11", "open_below"])
+def model(request: pytest.FixtureRequest) -> PalletModel:
+    """Return each of the models in turn."""
+    found: PalletModel = request.getfixturevalue(request.param)
+    return found
+
+
+def test_nothing_hides_a_free_face(model: PalletModel, portrait: Portrait) -> None:
+    found = estimate(portrait(model, POSE), model)
+    assert found.hidden == ()
+    assert found.seen.hidden == ()
+    assert found.seen.hidden_part == 0.0
+
+
+@pytest.mark.parametrize("width", [0.08, 0.15])
+@pytest.mark.parametrize("place", [-0.5, -0.3, 0.0, 0.3, 0.5])
+def test_a_pallet_behind_a_post_is_right_or_refused(
+    place: float, width: float, model: PalletModel, portrait: Portrait
+) -> None:
+    middle = place * model.width
+    shot = behind(portrait(model, POSE), middle - width / 2, middle + width / 2)
+    assert_right_or_refused(measured(shot, model, aside(0.01)), 0.012)
+
+
+@pytest.mark.parametrize("width", [0.08, 0.12, 0.15])
+@pytest.mark.parametrize("place", [-0.3, 0.3])
+def test_a_post_before_an_opening_costs_no_row(
+    place: float, width: float, t11: PalletModel, portrait: Portrait
+) -> None:
+    middle = place * t11.width
+    found = measured(behind(portrait(t11, POSE), middle - width / 2, middle + width / 2), t11, aside(0.01))
+    assert found.refusal is None
+    assert np.abs(error(found.pose)[:3]).max() < 0.008
+    assert abs(error(found.pose)[3]) < np.radians(0.4)
+
+
+@pytest.mark.parametrize("side", ["left", "right", "middle"])
+@pytest.mark.parametrize("part", [0.2, 0.33])
+def test_with_up_to_a_third_covered_a_pose_is_right_or_refused(
+    part: float, side: str, model: PalletModel, portrait: Portrait
+) -> None:
+    shot = behind(portrait(model, POSE), *covered(model, side, part))
+    assert_right_or_refused(measured(shot, model, aside(0.01)), 0.012)
+
+
+@pytest.mark.parametrize("side", ["left", "right", "middle"])
+@pytest.mark.parametrize(("part", "colour"), [(0.55, "dark"), (0.7, "orange")])
+def test_with_more_than_half_covered_no_row_is_wrong(
+    part: float, side: str, colour: str, model: PalletModel, portrait: Portrait
+) -> None:
+    shot = behind(portrait(model, POSE), *covered(model, side, part), colour)
+    assert_right_or_refused(measured(shot, model, aside(0.01)))
+
+
+@pytest.mark.parametrize(("part", "side"), [(0.0, "left"), (0.2, "left"), (0.45, "right")])
+@pytest.mark.parametrize("way", [-1.0, 1.0])
+def test_one_opening_aside_no_pallet_is_seen_half_hidden(
+    way: float, part: float, side: str, model: PalletModel, portrait: Portrait
+) -> None:
+    pitch = model.openings[1].center - model.openings[0].center
+    shot = portrait(model, POSE)
+    if part:
+        shot = behind(shot, *covered(model, side, part))
+    assert_right_or_refused(measured(shot, model, aside(way * pitch)), 0.05)
+
+
+@pytest.mark.parametrize("ends", [(-0.27, 0.22), (0.2, 0.6)], ids=["middle", "right"])
+def test_what_a_board_covers_is_listed_as_hidden(
+    ends: tuple[float, float], t11: PalletModel, portrait: Portrait
+) -> None:
+    found = estimate(behind(portrait(t11, POSE), *ends), t11)
+    left, right = ends
+    assert len(found.seen.hidden) == 1
+    np.testing.assert_allclose(found.seen.hidden[0], (left, min(right, t11.width / 2)), atol=0.09)
+    assert found.seen.hidden_part == pytest.approx(np.diff(found.seen.hidden)[0, 0] / t11.width)
+    uprights = {line.whole for line in face_lines(t11) if not line.whole.horizontal}
+    within = {edge for edge in uprights if left + 0.09 < edge.middle[0] < right - 0.09}
+    assert within
+    assert within <= set(found.hidden)
+    assert not any(clear(edge, *ends) for edge in found.hidden)
+    measured_edges = {one.edge for one in found.seen.edges}
+    assert not measured_edges & set(found.hidden)
+    assert len(measured_edges) >= FaceFitConfig().min_edges
+
+
+def clear(edge: FaceEdge, left: float, right: float) -> bool:
+    """Tell whether an upright edge is well beside a board, which stands a little before the face."""
+    return not edge.horizontal and not left - 0.09 < edge.middle[0] < right + 0.09
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_what_is_hidden_at_a_side_makes_no_pose_surer(side: str, model: PalletModel, portrait: Portrait) -> None:
+    shot = portrait(model, POSE)
+    free, hidden = estimate(shot, model), fitted(behind(shot, *covered(model, side, 0.3)), model)
+    if isinstance(hidden, FaceEstimate):
+        # beside the scatter of the edges that are left, which may be smaller
+        sigmas = [np.sqrt(np.diag(one.covariance) / max(one.chi2, 1.0)) for one in (free, hidden)]
+        assert (sigmas[1] > 0.9 * sigmas[0]).all()
+
+
+def test_a_hidden_edge_counts_as_half_a_missing_one(t11: PalletModel, portrait: Portrait) -> None:
+    found = estimate(behind(portrait(t11, POSE), 0.2, 0.6), t11)
+    assert len(found.hidden) > 0
+    assert found.doubt - replace(found, hidden=()).doubt == pytest.approx(HIDDEN_DOUBT * len(found.hidden))
+
+
+def test_more_than_is_allowed_to_be_hidden_is_refused(t11: PalletModel, portrait: Portrait) -> None:
+    shot = behind(portrait(t11, POSE), 0.1, 0.42)
+    part = estimate(shot, t11).seen.hidden_part
+    assert 0.1 < part < FaceFitConfig().max_hidden
+    assert fitted(shot, t11, FaceFitConfig(max_hidden=0.5 * part)) is Reason.HIDDEN
+    assert isinstance(fitted(shot, t11, FaceFitConfig(max_hidden=1.1 * part)), FaceEstimate)

@@ -162,6 +162,22 @@ def _opening_edges(opening: Opening) -> list[FaceEdge]:
     return edges
 
 
+def contour_shift(radius: float, tangent: float) -> float:
+    """Return how far within the drawn edge the occluding contour of its rounding appears, in metres.
+
+    With the angle ``a`` between the viewing direction and the visible surface's normal, or the hidden one's:
+    ``r (1 - cos a) + r (1 - sin a) tan a``.
+
+    Parameters
+    ----------
+    radius : float
+        Of the edge, in metres.
+    tangent : float
+        Of the angle, not negative.
+    """
+    return radius * (1 + tangent - math.hypot(1.0, tangent))
+
+
 def edge_shift(edge: FaceEdge, plane_from_camera: FloatArray, model: PalletModel) -> EdgeShift:
     """Predict where an image shows an edge that is rounded.
 
@@ -188,8 +204,7 @@ def edge_shift(edge: FaceEdge, plane_from_camera: FloatArray, model: PalletModel
     across = (plane_from_camera[0] - middle[0]) * outward[0] + (plane_from_camera[1] - middle[1]) * outward[1]
     tangent = float(across / plane_from_camera[2])
     if tangent < 0:
-        angle = math.atan(-tangent)
-        contour = radius * (1 - math.cos(angle)) + radius * (1 - math.sin(angle)) * math.tan(angle)
+        contour = contour_shift(radius, -tangent)
         if edge.kind is EdgeKind.BOTTOM:
             mean, sigma = -contour / 2, contour / math.sqrt(12.0)
         else:

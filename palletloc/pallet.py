@@ -107,6 +107,11 @@ class PalletModel:
     """Whether every dimension of the face stands in the source, or follows from it by adding up."""
     note: str = ""
     """What is assumed, or what else to know before using the model."""
+    block_rows: tuple[tuple[float, float], ...] = ()
+    """Front and back of each row of blocks, as distances behind the face; every row has the face's blocks.
+
+    The first row, which stands in the face, begins at 0. Empty where nothing is known of what is behind the face.
+    """
 
     def __post_init__(self) -> None:
         """Refuse a face that cannot be built."""
@@ -119,6 +124,7 @@ class PalletModel:
             raise ValueError("the face has no opening for the forks")
         self._require_openings_inside()
         self._require_solid_parts()
+        self._require_rows_in_order()
 
     @property
     def blocks(self) -> tuple[tuple[float, float], ...]:
@@ -158,6 +164,21 @@ class PalletModel:
         if 2 * self.edge_radius > min(parts) + _ROUNDING:
             raise ValueError(
                 f"edge_radius {self.edge_radius:.4g} m is more than half of the thinnest part, {min(parts):.4g} m"
+            )
+
+    def _require_rows_in_order(self) -> None:
+        """Check that the rows of blocks lie one behind the other within the pallet, the first one in its face."""
+        cuts = [0.0]
+        for number, (front, back) in enumerate(self.block_rows, start=1):
+            _require_finite(f"row {number} of blocks", front=front, back=back)
+            if number == 1 and front != 0:
+                raise ValueError(f"row 1 of blocks begins {front:.4g} m behind the face, expected 0")
+            cuts += [front, back]
+        rising = all(second > first for first, second in pairwise(cuts[1:]))
+        if not rising or cuts[-1] > self.depth + _ROUNDING:
+            shown = ", ".join(f"{cut:.4g}" for cut in cuts[1:])
+            raise ValueError(
+                f"rows of blocks at {shown} m, expected rising values up to the depth of {self.depth:.4g} m"
             )
 
 

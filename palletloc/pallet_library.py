@@ -39,6 +39,7 @@ def _from_text(value: Any) -> Any:
 
 
 _Length = Annotated[float, Field(ge=-_MAX_LENGTH, le=_MAX_LENGTH), BeforeValidator(_from_text)]
+_Row = Annotated[tuple[_Length, _Length], Field(strict=False)]  # YAML has lists only
 
 
 # The keys of the file are the names of the fields of `Opening` and `PalletModel` with their unit.
@@ -76,6 +77,7 @@ class _PalletEntry(_Entry):
     source: str = ""
     confirmed: bool = False
     note: str = ""
+    block_rows_m: Annotated[tuple[_Row, ...], Field(strict=False)] = ()
 
 
 _PARTS: Mapping[str, type[_Entry]] = {"openings": _OpeningEntry, "parametric": _ParametricEntry}
@@ -312,7 +314,7 @@ def _explain(error: ValidationError, name: str) -> str:
     steps = [f"[{step}]" if isinstance(step, int) else f".{step}" for step in first["loc"]]
     place = name + "".join(steps)
     if first["type"] == "missing":
-        return f"{place}: the key is missing"
+        return f"{place}: the {'value' if place.endswith(']') else 'key'} is missing"
     if first["type"] in _UNKNOWN_KEY:
         known = _PARTS.get(str(first["loc"][0]), _PalletEntry).model_fields
         key = str(first["loc"][-1])
@@ -328,7 +330,8 @@ _EXPECTED = {
     "greater_than_equal": f"metres, at least {-_MAX_LENGTH:g}",
     "bool_type": "true or false",
     "string_type": "text",
-    "list_type": "a list",
+    **dict.fromkeys(("list_type", "tuple_type"), "a list"),
+    "too_long": "two numbers",
     "model_type": "a mapping of keys to values",
 }
 

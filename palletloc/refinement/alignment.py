@@ -23,12 +23,17 @@ from palletloc.plane import PALLET_FROM_VERTICAL
 from palletloc.refinement.agreement import LevelYaw, level_yaw
 from palletloc.refinement.edges import EdgeReach, SeenFace, measure_face
 from palletloc.refinement.occlusion import hidden_part, is_hidden
+from palletloc.refinement.parallax import look_behind
 from palletloc.refinement.system import USED_WEIGHT, FaceSolution, FaceSystem
 
 SMALL_PART = 0.2
 """Part of its standard deviation below which a motion needs no further round."""
 CUT_SPACING_PX = 1.5
 """About how far the cuts across an edge are apart, in pixels of the image."""
+EDGES_PER_NAT = 0.5
+"""How many missing edges each unit of evidence makes up for that edges behind the face give."""
+FAINT_UPRIGHT = 0.2
+"""Part of the level edges' gradient that upright ones have at least in a pallet: they belong to the same blocks."""
 HIDDEN_DOUBT = 0.5
 """How much an edge counts as missing that something seems to stand before."""
 FACE_IN_PALLET = PALLET_FROM_VERTICAL.as_matrix()
@@ -95,13 +100,15 @@ class FaceEstimate:
     """Edges that something stands before."""
     level_yaw: LevelYaw | None = None
     """What the level lines alone say of the yaw: how far from the pose's, in radians."""
+    behind: float = 0.0
+    """Evidence for the pose from edges behind the face, as a logarithm; 0 where none agree."""
 
     @property
     def doubt(self) -> float:
         """How many edges are missing or contradict the others; below about 1 the pose is the right one."""
         certain = self.weights[[not self.seen.loaded(one.edge) for one in self.seen.edges]]
         missing = self.seen.expected - certain.sum() + HIDDEN_DOUBT * len(self.hidden)
-        return float(missing + max(self.chi2 - 1.0, 0.0))
+        return float(max(missing + max(self.chi2 - 1.0, 0.0) - EDGES_PER_NAT * self.behind, 0.0))
 
 
 def fit_face(
@@ -151,7 +158,7 @@ def fit_face(
         seen = _seen(camera, image, mounting, pose, model, reach, config)
         if isinstance(seen, Reason):
             return seen
-        system = FaceSystem(seen, pose, mounting)
+        system = FaceSystem(seen, pose, mounting, model)
         system.add_height(height.z - pose.z, height.sigma)
         turned = wrap_angle(pose.yaw - start.yaw)
         if yaw is not None:
@@ -159,11 +166,18 @@ def fit_face(
         else:
             system.add_slopes(config.slope_error_px)
             system.add_turn(-turned, yaw_spread)
-        solution = system.solve()
+        solution, behind = system.solve(), 0.0
+        if i > 0 and model.block_rows:
+            alone = _estimate(seen, pose, model, solution, None)
+            camera_from_face = mounting.camera_from_forklift @ pose.matrix() @ FACE_IN_PALLET
+            behind = look_behind(camera, image, camera_from_face, model, system, solution, alone.doubt)
+            if behind > 0:
+                solution = system.solve()
         sigma = np.sqrt(solution.covariance.diagonal())
         if float(sigma[:3].max()) > config.max_sigma:
             return Reason.FEW_EDGES
         estimate = _estimate(seen, pose, model, solution, level_yaw(seen, config.slope_error_px))
+        estimate = replace(estimate, behind=behind)
         pose = estimate.forklift_from_pallet
         small = np.maximum(config.small_motion, SMALL_PART * sigma)
         settled = bool((np.abs(solution.motion) < small).all()) and upright <= config.reach
@@ -219,19 +233,23 @@ def _estimate(
 def _coverage(seen: SeenFace, lines: Sequence[FaceEdge], solution: FaceSolution) -> float:
     """Return the part of the edges that is seen: upright ones count as much as level ones, which are longer.
 
-    A line on the floor covers every level edge of a face and no upright one.
+    A line on the floor covers every level edge of a face and no upright one; what is found of those is far fainter.
     """
+    level, upright = (
+        float(np.median([one.fit.strength for one in seen.edges if one.edge.horizontal is direction] or [0.0]))
+        for direction in (True, False)
+    )
     parts = []
-    for level in (True, False):
+    for level_ones in (True, False) if upright > FAINT_UPRIGHT * level else (True,):
         visible = sum(
             line.length * (1 - hidden_part(line.start[0], line.end[0], seen.hidden))
             for line in lines
-            if line.horizontal is level and not seen.loaded(line)
+            if line.horizontal is level_ones and not seen.loaded(line)
         )
         covered = sum(
             one.edge.length * one.fit.coverage
             for one, weight in zip(seen.edges, solution.weights, strict=True)
-            if one.edge.horizontal is level and weight > USED_WEIGHT and not seen.loaded(one.edge)
+            if one.edge.horizontal is level_ones and weight > USED_WEIGHT and not seen.loaded(one.edge)
         )
         parts.append(min(1.0, covered / visible) if visible > 0 else 0.0)
-    return float(np.mean(parts))
+    return float(sum(parts) / 2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -75,7 +76,25 @@ def face_cuts(model: PalletModel, level_spacing: float, upright_spacing: float, 
     FaceCuts
         In the order of `face_lines`.
     """
-    lines = tuple(one for one in face_lines(model) if not (without_bottom and one.kind == "bottom"))
+    lines = [one for one in face_lines(model) if not (without_bottom and one.kind == "bottom")]
+    return cuts_across(lines, level_spacing, upright_spacing)
+
+
+def cuts_across(lines: Sequence[FaceLine], level_spacing: float, upright_spacing: float) -> FaceCuts:
+    """Spread cuts evenly over lines.
+
+    Parameters
+    ----------
+    lines : sequence of FaceLine
+        Level and upright ones.
+    level_spacing, upright_spacing : float
+        About how far cuts are apart on either, in metres.
+
+    Returns
+    -------
+    FaceCuts
+        In the order of the lines.
+    """
     names = ("line", "inner", "slot", "points", "along", "end", "least")
     parts: dict[str, list[NDArray[Any]]] = {name: [] for name in names}
     most, total, apart = 0, 0, []
@@ -104,7 +123,7 @@ def face_cuts(model: PalletModel, level_spacing: float, upright_spacing: float, 
     for array in (*joined.values(), outward, level):
         array.flags.writeable = False
     return FaceCuts(
-        lines,
+        tuple(lines),
         joined["line"],
         joined["inner"],
         joined["slot"],

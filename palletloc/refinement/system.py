@@ -1,12 +1,14 @@
 """The linear least squares behind the fit of a face: what a small motion does to its edges.
 
-Unknowns are the motion of the face in its own frame (right, up, depth, yaw), six errors of the mounting and the
-errors that upright edges share, as light falls on all of them alike. All but the motion are held by their sigmas:
-they can hardly be told from a motion, but they belong into its covariance.
+Unknowns are the motion of the face in its own frame (right, up, depth, yaw), six errors of the mounting, the errors
+that edges share, as light and blur are alike for all of them, and those of the depths at which edges behind the face
+lie. All but the motion are held by their sigmas: they can hardly be told from a motion, but they belong into its
+covariance.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,13 +16,25 @@ import numpy as np
 from palletloc.edge_fit import TUKEY
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.mounting import Mounting
+from palletloc.pallet import PalletModel
 from palletloc.plane import PALLET_FROM_VERTICAL
+from palletloc.refinement.depth_edges import DepthEdge
 from palletloc.refinement.edges import SeenFace
 
 USED_WEIGHT = 0.2
 """Weight from which on an edge counts as used."""
-_MOTION, _MOUNTING, _SHARED = 4, 6, 2
-_UNKNOWNS = _MOTION + _MOUNTING + _SHARED
+BLUR_PX, MOST_BLUR = 0.2, 0.0025
+"""How far blur and the camera's tone curve move edges out of what is bright, in pixels, and at most in metres: what
+is farther off is another edge. All edges have such an error in common, and each has its own.
+
+It counts where the camera is level with the face: there, yaw and range come from small differences of upright edges.
+"""
+LEVEL, NOT_LEVEL = 0.075, 0.15
+"""How far above or below a face a camera is level with it, and from where on it is not at all, in metres."""
+DEPTH_ERROR = 0.004
+"""How far the front or back of a row of blocks lies from its place (one standard deviation), in metres."""
+_MOTION, _MOUNTING, _SHARED = 4, 6, 3
+_FIRST_DEPTH = _MOTION + _MOUNTING + _SHARED
 _SHARED_PART = 0.7
 """Part of an upright edge's shift error that it shares with the others of its side, as a standard deviation."""
 _TINY = 1e-9
@@ -38,6 +52,10 @@ class FaceSolution:
     """(edges,) weight of each edge's offset, 0 to 1."""
     chi2: float
     """Mean squared normalised residual of the measurements that count."""
+    unknowns: FloatArray
+    """(unknowns,) all of them, the motion first."""
+    information: FloatArray
+    """(unknowns, unknowns) their inverse covariance."""
 
 
 class FaceSystem:
@@ -51,38 +69,112 @@ class FaceSystem:
         ``forklift_from_pallet`` where the face was measured.
     mounting : Mounting
         Of the camera.
+    model : PalletModel
+        The pallet.
     """
 
-    def __init__(self, seen: SeenFace, pose: LevelPose, mounting: Mounting) -> None:
+    def __init__(self, seen: SeenFace, pose: LevelPose, mounting: Mounting, model: PalletModel) -> None:
         self.seen = seen
         self._mounting = mounting
+        depths = max(0, 2 * len(model.block_rows) - 1)
+        self._unknowns = _FIRST_DEPTH + depths
         forklift_from_plane = pose.matrix() @ PALLET_FROM_VERTICAL.as_matrix()
         self._axes, self._origin = forklift_from_plane[:3, :3], forklift_from_plane[:3, 3]
         middles = np.array([one.edge.middle for one in seen.edges])
         outward = np.array([one.edge.outward for one in seen.edges])
         shared = np.array([0.0 if one.edge.horizontal else _SHARED_PART * one.shift.sigma for one in seen.edges])
         own = np.array([one.shift.sigma for one in seen.edges])
-        sigma = np.sqrt(np.array([one.sigma for one in seen.edges]) ** 2 + own**2 - shared**2)
+        up = float(seen.plane_from_camera[1])
+        beside = max(-up, up - model.height)
+        blur = np.minimum([BLUR_PX * one.pixel for one in seen.edges], MOST_BLUR)
+        blur *= np.interp(beside, (LEVEL, NOT_LEVEL), (1.0, 0.0))
+        known = np.hypot([one.sigma for one in seen.edges], blur)
+        sigma = np.sqrt(known**2 + own**2 - shared**2)
         offsets = np.einsum("ni,nij->nj", outward, self._image_motion(middles))
         side = np.array([one.shift.both_seen for one in seen.edges], dtype=int)
         offsets[np.arange(len(side)), _MOTION + _MOUNTING + side] = shared
+        offsets[:, _FIRST_DEPTH - 1] = blur
         self._rows = [offsets / sigma[:, None]]
         self._values = [np.array([one.fit.offset for one in seen.edges]) / sigma]
         self._robust = [np.ones(len(seen.edges), dtype=bool)]
-        held = np.concatenate([np.maximum(mounting.sigma, _TINY), np.ones(_SHARED)])
-        self._add(np.eye(_UNKNOWNS)[_MOTION:] / held[:, None], np.zeros(len(held)), False)
+        held = np.concatenate([np.maximum(mounting.sigma, _TINY), np.ones(_SHARED + depths)])
+        self._add(np.eye(self._unknowns)[_MOTION:] / held[:, None], np.zeros(len(held)), False)
 
     def _image_motion(self, points: FloatArray) -> FloatArray:
-        """Return what each unknown does to the images of face points on the plane, (n, 2, unknowns)."""
-        apparent = self._mounting.apparent_motion(self._origin + points @ self._axes[:, :2].T)
-        moved = np.zeros((len(points), 3, _UNKNOWNS))
+        """Return what each unknown does to the images of points on the face's plane, (n, 2, unknowns).
+
+        Points are (n, 3): right, up and towards the viewer; or (n, 2), on the plane.
+        """
+        nearer = points[:, 2] if points.shape[1] == 3 else np.zeros(len(points))
+        in_forklift = self._origin + points @ self._axes[:, : points.shape[1]].T
+        moved = np.zeros((len(points), 3, self._unknowns))
         moved[:, 0, 0] = moved[:, 1, 1] = 1.0
-        moved[:, 2, 2], moved[:, 2, 3] = -1.0, -points[:, 0]
-        moved[:, :, _MOTION : _MOTION + _MOUNTING] = self._axes.T @ apparent
+        moved[:, 0, 3], moved[:, 2, 3] = nearer, -points[:, 0]
+        moved[:, 2, 2] = -1.0
+        moved[:, :, _MOTION : _MOTION + _MOUNTING] = self._axes.T @ self._mounting.apparent_motion(in_forklift)
         # what comes nearer to the camera moves away from its foot point on the plane
         camera = self.seen.plane_from_camera
-        ray = (points - camera[:2]) / camera[2]
-        return np.asarray(moved[:, :2] + ray[:, :, None] * moved[:, 2:3])
+        away = (camera[2] - nearer)[:, None]
+        ray = (points[:, :2] - camera[:2]) / away
+        return np.asarray((moved[:, :2] + ray[:, :, None] * moved[:, 2:3]) * (camera[2] / away)[:, :, None])
+
+    def _behind_motion(self, edges: Sequence[DepthEdge]) -> FloatArray:
+        """Return how far to the right each unknown moves the images of edges behind the face, (edges, unknowns)."""
+        motion = self._image_motion(np.array([edge.place for edge in edges]))[:, 0]
+        column = _FIRST_DEPTH + np.array([edge.level for edge in edges])
+        motion[np.arange(len(edges)), column] = DEPTH_ERROR * motion[:, 2]
+        return motion
+
+    def expected_behind(self, edges: Sequence[DepthEdge], solution: FaceSolution) -> FloatArray:
+        """Return how far to the right of their places a solution expects the images of edges behind the face.
+
+        Parameters
+        ----------
+        edges : sequence of DepthEdge
+            The edges.
+        solution : FaceSolution
+            A solution of this system.
+
+        Returns
+        -------
+        (edges,) array
+            On the face's plane, in metres.
+        """
+        return np.asarray(self._behind_motion(edges) @ solution.unknowns)
+
+    def spread_behind(self, edges: Sequence[DepthEdge], solution: FaceSolution) -> FloatArray:
+        """Return the covariance of where a solution expects the images of edges behind the face.
+
+        Parameters
+        ----------
+        edges : sequence of DepthEdge
+            The edges.
+        solution : FaceSolution
+            A solution of this system.
+
+        Returns
+        -------
+        (edges, edges) array
+            Of offsets to the right on the face's plane, in square metres.
+        """
+        motion = self._behind_motion(edges)
+        return np.asarray(motion @ np.linalg.solve(solution.information, motion.T))
+
+    def add_behind(self, edges: Sequence[DepthEdge], shares: FloatArray, offset: float, sigma: float) -> None:
+        """Add what edges behind the face say together.
+
+        Parameters
+        ----------
+        edges : sequence of DepthEdge
+            The edges.
+        shares : (edges,) array
+            What each one's offset to the right on the face's plane contributes.
+        offset : float
+            The sum of the offsets by their shares.
+        sigma : float
+            Its standard deviation.
+        """
+        self._add((shares @ self._behind_motion(edges))[None] / sigma, np.array([offset / sigma]), False)
 
     def _slopes(self, ups: FloatArray) -> FloatArray:
         """Return what each unknown does to the slopes of level lines, (n, unknowns)."""
@@ -114,7 +206,7 @@ class FaceSystem:
 
     def add_height(self, rise: float, sigma: float) -> None:
         """Add what is known of the height: how far up the face should move, in metres."""
-        self._add(np.eye(_UNKNOWNS)[1:2] / sigma, np.array([rise / sigma]), False)
+        self._add(np.eye(self._unknowns)[1:2] / sigma, np.array([rise / sigma]), False)
 
     def add_yaw(self, turn: float, sigma: float, up: float) -> None:
         """Add the yaw that a line gave, which errors of the mounting falsify as they do a line on the face.
@@ -133,14 +225,14 @@ class FaceSystem:
 
     def add_turn(self, turn: float, sigma: float) -> None:
         """Add what is known of the yaw before any measurement, in radians."""
-        self._add(np.eye(_UNKNOWNS)[3:4] / sigma, np.array([turn / sigma]), False)
+        self._add(np.eye(self._unknowns)[3:4] / sigma, np.array([turn / sigma]), False)
 
     def solve(self) -> FaceSolution:
         """Solve by iteratively reweighted least squares (Tukey's biweight on offsets and slopes)."""
         rows, values, robust = (np.concatenate(part) for part in (self._rows, self._values, self._robust))
         weights = np.ones(len(values))
         for _ in range(8):
-            normal = rows.T @ (weights[:, None] * rows) + _TINY * np.eye(_UNKNOWNS)
+            normal = rows.T @ (weights[:, None] * rows) + _TINY * np.eye(self._unknowns)
             solution = np.linalg.solve(normal, rows.T @ (weights * values))
             residual = values - rows @ solution
             size = np.sort(np.abs(residual[robust]))
@@ -153,4 +245,5 @@ class FaceSystem:
         used = robust & (weights > USED_WEIGHT)
         chi2 = float((weights * residual**2)[used].sum() / max(float(weights[used].sum()), 1.0))
         covariance = np.linalg.inv(normal)[:_MOTION, :_MOTION] * max(chi2, 1.0)
-        return FaceSolution(solution[:_MOTION], covariance, weights[: len(self.seen.edges)], chi2)
+        own = weights[: len(self.seen.edges)]
+        return FaceSolution(solution[:_MOTION], covariance, own, chi2, solution, normal)

@@ -21,6 +21,8 @@ from palletloc.synthetic.surroundings import draw_clutter, draw_hall
 
 _MOULDED_RADIUS = 0.006
 _LEAST_GAP = 0.1
+_INSIDE = 3.0
+"""How much less exactly blocks are set inside a pallet than in its face."""
 _DRAWS = 100
 
 
@@ -216,7 +218,17 @@ def _misshapen_once(model: PalletModel, misfit: float, rng: np.random.Generator)
 
     openings = tuple(shaped(opening) for opening in model.openings)
     least = max((o.bottom + o.height for o in openings), default=0.0) + 0.01
-    return replace(model, width=model.width + off(), height=max(model.height + off(), least), openings=openings)
+    shape = replace(model, width=model.width + off(), height=max(model.height + off(), least), openings=openings)
+    return replace(shape, block_rows=_misplaced(model, misfit * _INSIDE * model.tolerance, rng))
+
+
+def _misplaced(model: PalletModel, sigma: float, rng: np.random.Generator) -> tuple[tuple[float, float], ...]:
+    """Return the rows of blocks with random errors of all places but the first and the last, which are flush."""
+    cuts = [cut for row in model.block_rows for cut in row]
+    own = rng.spawn(1)[0]  # leaves what else is drawn as it is
+    moved = [cut + sigma * float(np.clip(own.standard_normal(), -2.5, 2.5)) for cut in cuts[1:-1]]
+    cuts[1:-1] = sorted(moved)
+    return tuple(zip(cuts[::2], cuts[1::2], strict=True))
 
 
 def _occluders(

@@ -1,8 +1,9 @@
 """The body of a pallet, made from the front face of its model.
 
 The front face is exactly the model's: outline, openings, corners, rounded edges. Behind it, blocks stand in
-three rows with the front's profile, joined by a deck above and, where openings are open at the floor, by
-runners below. A pallet whose blocks are as narrow as stringers has one row of the whole depth.
+rows with the front's profile, joined by a deck above and, where openings are open at the floor, by runners below.
+Where the model does not say where the rows are, there are three of them; a pallet whose blocks are as narrow as
+stringers then has one row of the whole depth.
 """
 
 from __future__ import annotations
@@ -104,6 +105,8 @@ class PalletBody:
     def rows(self) -> tuple[tuple[float, float], ...]:
         """Rows of blocks as (front, back) intervals of x, in metres."""
         depth = self.model.depth
+        if self.model.block_rows:
+            return self.model.block_rows
         if min(right - left for left, right in self.stands) < _STRINGER:
             return ((0.0, depth),)
         thick = _ROW_SHARE * depth

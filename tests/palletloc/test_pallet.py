@@ -166,3 +166,25 @@ def test_no_part_is_thinner_than_its_rounded_edges(openings: tuple[Opening, ...]
     replace(model, edge_radius=0.012)
     with pytest.raises(ValueError, match=r"half of the thinnest part, 0\.024 m"):
         replace(model, edge_radius=0.0121)
+
+
+@pytest.mark.parametrize("rows", [(), ((0.0, 0.1),), ((0.0, 0.1), (0.45, 0.55), (1.0, 1.1))])
+def test_rows_of_blocks_stand_one_behind_the_other(rows: tuple[tuple[float, float], ...]) -> None:
+    assert replace(MODEL, block_rows=rows).block_rows == rows
+
+
+@pytest.mark.parametrize(
+    ("rows", "problem"),
+    [
+        (((0.1, 0.2),), "row 1 of blocks begins 0.1 m behind the face, expected 0"),
+        (((0.0, 0.0),), "expected rising values"),
+        (((0.0, 0.1), (0.1, 0.2)), "expected rising values"),
+        (((0.0, 0.1), (0.3, 0.2)), "expected rising values"),
+        (((0.0, 0.5), (0.4, 0.6)), "expected rising values"),
+        (((0.0, 0.1), (1.0, 1.2)), "rows of blocks at 0, 0.1, 1, 1.2 m, expected .* up to the depth of 1.1 m"),
+        (((0.0, float("nan")),), "row 1 of blocks's back must be a finite number, got nan"),
+    ],
+)
+def test_rows_that_cannot_be_built_are_refused(rows: tuple[tuple[float, float], ...], problem: str) -> None:
+    with pytest.raises(ValueError, match=problem):
+        replace(MODEL, block_rows=rows)

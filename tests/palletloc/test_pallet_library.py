@@ -6,6 +6,7 @@ from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from hypothesis import given
@@ -62,6 +63,21 @@ def test_the_800_face_of_an_epal_1_is_open_at_the_floor() -> None:
     assert (model.height, model.depth) == (0.144, 1.2)
     levels = {(opening.bottom, opening.top, opening.open_below) for opening in model.openings}
     assert levels == {(0.0, 0.1, True)}
+
+
+def test_both_faces_of_an_epal_1_have_the_published_blocks_behind_them() -> None:
+    blocks = {"epal1-1200": [100, 227.5, 145, 227.5, 100], "epal1-800": [145, 382.5, 145, 382.5, 145]}
+    for name, chain in blocks.items():
+        cuts = [cut for row in LIBRARY[name].block_rows for cut in row]
+        assert [round((back - front) * 1000, 1) for front, back in pairwise(cuts)] == chain
+        assert cuts[-1] == LIBRARY[name].depth
+
+
+def test_the_rows_behind_one_face_are_the_blocks_of_the_other() -> None:
+    for name, other in (("epal1-1200", "epal1-800"), ("epal1-800", "epal1-1200")):
+        half = LIBRARY[other].width / 2
+        blocks = [(left + half, right + half) for left, right in LIBRARY[other].blocks]
+        assert np.allclose(LIBRARY[name].block_rows, blocks)
 
 
 def test_a_t11_has_the_levels_of_the_standard() -> None:
@@ -207,12 +223,14 @@ def any_model(draw: st.DrawFn) -> PalletModel:
         openings.append(Opening(left + block + size / 2, bottom, size, 0.05, draw(st.floats(0.0, 0.02))))
         left += block + size
     name = draw(st.from_regex(r"[a-zA-Z_][\w.-]{0,8}", fullmatch=True))
+    cuts = [0.0, *sorted(draw(st.lists(st.floats(0.01, 0.99), min_size=1, max_size=5, unique=True)))]
+    depth = draw(lengths)
     texts = st.text(st.characters(codec="utf-8", exclude_categories=["C"]))
     return PalletModel(
         f"{name}x",  # never a word of YAML's own, such as `no`
         width,
         draw(st.floats(0.16, 2.0)),
-        draw(lengths),
+        depth,
         tuple(openings),
         corner_radius=draw(st.floats(0.0, 0.05)),
         edge_radius=draw(st.floats(0.0, 0.003)),
@@ -220,6 +238,7 @@ def any_model(draw: st.DrawFn) -> PalletModel:
         source=draw(texts),
         confirmed=draw(st.booleans()),
         note=draw(texts),
+        block_rows=tuple((front * depth, back * depth) for front, back in zip(cuts[::2], cuts[1::2], strict=False)),
     )
 
 

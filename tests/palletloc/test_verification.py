@@ -152,7 +152,7 @@ def test_every_sign_counts() -> None:
     [
         ((0.5, 0.9, 0.5, 1.0), Reason.LOW_CONTRAST),
         ((6.0, 0.1, 0.1, 6.0), Reason.FEW_EDGES),
-        ((0.0, 0.0, 0.0, 8.0), Reason.FEW_EDGES),
+        ((1.0, 0.0, 0.0, 8.0), Reason.FEW_EDGES),
     ],
 )
 def test_the_reason_is_what_speaks_most_against_it(sign: tuple[float, float, float, float], reason: Reason) -> None:

@@ -98,6 +98,22 @@ def test_misfit_scales_with_the_tolerance(closed_below: PalletModel) -> None:
     assert widths.std() == pytest.approx(0.5 * closed_below.tolerance, rel=0.1)
 
 
+def test_a_misfit_moves_blocks_inside_but_neither_those_of_the_face_nor_the_last(closed_below: PalletModel) -> None:
+    rows = ((0.0, 0.1), (0.3, 0.4), (closed_below.depth - 0.1, closed_below.depth))
+    rng = np.random.default_rng(0)
+    shapes = [misshapen(replace(closed_below, block_rows=rows), 1.0, rng).block_rows for _ in range(400)]
+    errors = np.array(shapes) - rows
+    assert not errors[:, 0, 0].any()
+    assert not errors[:, -1, -1].any()
+    assert errors[:, 1].std() == pytest.approx(3 * closed_below.tolerance, rel=0.15)
+
+
+def test_a_misfit_of_the_blocks_inside_leaves_all_else_as_it_is(closed_below: PalletModel) -> None:
+    with_rows = replace(closed_below, block_rows=((0.0, 0.1), (0.3, 0.4)))
+    shapes = [misshapen(model, 1.0, np.random.default_rng(4)) for model in (closed_below, with_rows)]
+    assert replace(shapes[1], block_rows=()) == shapes[0]
+
+
 def test_shape_errors_that_leave_no_pallet_are_drawn_again(closed_below: PalletModel) -> None:
     loose = replace(closed_below, tolerance=0.03)
     rng = np.random.default_rng(0)

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -68,6 +70,18 @@ def test_openings_go_through_the_pallet(closed_below: PalletModel) -> None:
     opening = closed_below.openings[0]
     points = np.stack([x, np.full_like(x, -opening.center), np.full_like(x, 0.07)])
     assert (body(closed_below).distance(points) > 0.01).all()
+
+
+def test_blocks_stand_where_the_model_has_them(closed_below: PalletModel) -> None:
+    rows = ((0.0, 0.08), (0.3, 0.5))
+    x = np.linspace(0.01, closed_below.depth - 0.01, 300).astype(np.float32)
+    left, right = closed_below.blocks[1]
+    points = np.stack([x, np.full_like(x, -(left + right) / 2), np.full_like(x, closed_below.openings[0].top - 0.03)])
+    distance = body(replace(closed_below, block_rows=rows)).distance(points)
+    within = np.zeros(len(x), bool)
+    for front, back in rows:
+        within |= (x > front) & (x < back)
+    np.testing.assert_array_equal(distance < 0, within)
 
 
 def test_boards_close_openings_from_below_only_where_drawn(

@@ -21,6 +21,7 @@ from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
 from palletloc.plane import PALLET_FROM_VERTICAL
 from palletloc.refinement.agreement import LevelYaw, level_yaw
+from palletloc.refinement.depth_edges import visible_depth_edges
 from palletloc.refinement.edges import EdgeReach, SeenFace, measure_face
 from palletloc.refinement.occlusion import hidden_part, is_hidden
 from palletloc.refinement.parallax import look_behind
@@ -167,10 +168,11 @@ def fit_face(
             system.add_slopes(config.slope_error_px)
             system.add_turn(-turned, yaw_spread)
         solution, behind = system.solve(), 0.0
-        if i > 0 and model.block_rows:
+        edges = visible_depth_edges(model, seen.plane_from_camera) if i > 0 else ()
+        if edges:
             alone = _estimate(seen, pose, model, solution, None)
             camera_from_face = mounting.camera_from_forklift @ pose.matrix() @ FACE_IN_PALLET
-            behind = look_behind(camera, image, camera_from_face, model, system, solution, alone.doubt)
+            behind = look_behind(camera, image, camera_from_face, model, edges, system, solution, alone.doubt)
             if behind > 0:
                 solution = system.solve()
         sigma = np.sqrt(solution.covariance.diagonal())

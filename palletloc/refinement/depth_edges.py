@@ -77,7 +77,7 @@ def visible_depth_edges(model: PalletModel, plane_from_camera: FloatArray) -> tu
         Without those that another block hides, or all but a bit of them the boards.
     """
     corners = _corners(model)
-    if not len(corners):
+    if not len(corners) or not _looks_in(model, float(corners[:, 1].min()), plane_from_camera):
         return ()
     shown = corners[_in_sight(model, corners[:, :2], plane_from_camera)]
     edges = [_edge(model, corner, plane_from_camera) for corner in shown]
@@ -94,6 +94,11 @@ def _corners(model: PalletModel) -> FloatArray:
         for right, outward in zip(sides, (-1.0, 1.0), strict=True)
     ]
     return np.array(corners)
+
+
+def _looks_in(model: PalletModel, depth: float, plane_from_camera: FloatArray) -> bool:
+    """Tell whether the camera is at a height from which it sees anything so far behind an opening."""
+    return any(_seen_height(opening, depth, plane_from_camera) is not None for opening in model.openings)
 
 
 def _in_sight(model: PalletModel, corners: FloatArray, plane_from_camera: FloatArray) -> BoolArray:
@@ -117,20 +122,24 @@ def _edge(model: PalletModel, corner: FloatArray, plane_from_camera: FloatArray)
     opening = next((one for one in model.openings if one.left < across < one.right), None)
     if opening is None:
         return None
-    low, high = _free_height(opening)
-    # what is seen of it lies within the opening at the face as well as at its own depth
-    low, high = max(above + (low - above) * scale, low), min(above + (high - above) * scale, high)
-    if high - low < LEAST_HEIGHT * scale:
+    seen = _seen_height(opening, depth, plane_from_camera)
+    if seen is None:
         return None
+    low, high = seen
     image = FaceEdge(EdgeKind.OPENING_SIDE, (across, low), (across, high), (outward, 0.0))
     up = above + (image.middle[1] - above) / scale
     back, side_hidden = level % 2 == 0, (aside - right) * outward < 0
     return DepthEdge((right, up, -depth), outward, int(level), back or side_hidden, image, scale)
 
 
-def _free_height(opening: Opening) -> tuple[float, float]:
-    """Return between which heights nothing but blocks stands in an opening."""
-    return BOARD if opening.open_below else opening.bottom, opening.top - BOARD
+def _seen_height(opening: Opening, depth: float, plane_from_camera: FloatArray) -> tuple[float, float] | None:
+    """Return between which heights of the face's plane blocks so far behind an opening show; None for too little."""
+    above, before = float(plane_from_camera[1]), float(plane_from_camera[2])
+    scale = before / (before + depth)
+    low, high = BOARD if opening.open_below else opening.bottom, opening.top - BOARD
+    # what is seen lies within the opening at the face as well as at its own depth
+    low, high = max(above + (low - above) * scale, low), min(above + (high - above) * scale, high)
+    return (low, high) if high - low >= LEAST_HEIGHT * scale else None
 
 
 def find_depth_peaks(

@@ -8,6 +8,7 @@ motion, the ridge of yaw and range; along it all edges vote at once, each for ev
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +16,7 @@ import numpy as np
 from palletloc.cameras.protocol import CameraModel
 from palletloc.geometry import FloatArray, Image
 from palletloc.pallet import PalletModel
-from palletloc.refinement.depth_edges import DepthPeaks, find_depth_peaks, visible_depth_edges
+from palletloc.refinement.depth_edges import DepthEdge, DepthPeaks, find_depth_peaks
 from palletloc.refinement.edges import SeenFace
 from palletloc.refinement.system import FaceSolution, FaceSystem
 
@@ -27,8 +28,8 @@ CONTOUR_SEEN, CREASE_SEEN = 0.6, 0.35
 """How often an edge is seen, as the contour of a block and between two of its surfaces."""
 WIDER = 0.5
 """How much wider than its covariance says the ridge is searched, for each missing or contradicting edge."""
-SURE_DOUBT = 0.5
-"""Missing or contradicting edges that widen nothing."""
+SURE_DOUBT, MOST_DOUBT = 0.5, 4.0
+"""Missing or contradicting edges that widen nothing, and with which nothing behind the face helps."""
 SEARCHED, MARGIN, LEAST_REACH, MOST_REACH = 4.0, 0.008, 0.012, 0.08
 """How far an edge is looked for: in standard deviations of its place, and beyond, at least and at most in metres."""
 STEPS, LIMIT = 401, 5.0
@@ -54,6 +55,7 @@ def look_behind(
     image: Image,
     camera_from_face: FloatArray,
     model: PalletModel,
+    edges: Sequence[DepthEdge],
     system: FaceSystem,
     alone: FaceSolution,
     doubt: float,
@@ -70,6 +72,8 @@ def look_behind(
         The face's plane where it was measured: x right, y up.
     model : PalletModel
         The pallet.
+    edges : sequence of DepthEdge
+        Those that the camera sees.
     system : FaceSystem
         Of the face; gets one more measurement.
     alone : FaceSolution
@@ -84,8 +88,7 @@ def look_behind(
         seen or do not agree, and nothing was added.
     """
     plane_from_camera, pixel = system.seen.plane_from_camera, _pixel(system.seen)
-    edges = visible_depth_edges(model, plane_from_camera)
-    if not edges or pixel is None:
+    if doubt > MOST_DOUBT or pixel is None:
         return 0.0
     spread = np.sqrt(system.spread_behind(edges, alone).diagonal())
     reach = np.clip(SEARCHED * spread + MARGIN, LEAST_REACH, MOST_REACH)

@@ -35,7 +35,7 @@ Faults = Callable[..., list[str]]
 Makes = Callable[..., Localizer]
 
 FEW = settings(max_examples=6, deadline=None, derandomize=True, phases=[Phase.generate])
-MANY = settings(max_examples=100, deadline=None, phases=[Phase.generate])
+MANY = settings(max_examples=12, deadline=None, phases=[Phase.generate])
 LEVELS = (0.0, 1.4)
 CAMERAS = ((CameraKind.PINHOLE, 640), (CameraKind.KANNALA_BRANDT, 800), (CameraKind.EQUIRECTANGULAR, 1280))
 BEGIN, END = -0.5, 3.5

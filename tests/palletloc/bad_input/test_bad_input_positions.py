@@ -25,7 +25,7 @@ Makes = Callable[..., Localizer]
 Check = Callable[[str, Image, bool], None]
 
 FEW = settings(max_examples=4, deadline=None, derandomize=True, phases=[Phase.generate])
-MANY = settings(max_examples=60, deadline=None, phases=[Phase.generate])
+MANY = settings(max_examples=12, deadline=None, phases=[Phase.generate])
 heights = pytest.mark.parametrize("known", [True, False], ids=["level", "free"])
 AT_ANY_HEIGHT = pytest.param(
     False,

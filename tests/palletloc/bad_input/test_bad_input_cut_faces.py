@@ -26,7 +26,7 @@ Photograph = Callable[..., ShotView]
 Check = Callable[..., int]
 
 FEW = settings(max_examples=5, deadline=None, derandomize=True, phases=[Phase.generate])
-MANY = settings(max_examples=150, deadline=None, phases=[Phase.generate])
+MANY = settings(max_examples=12, deadline=None, phases=[Phase.generate])
 AT_ANY_HEIGHT = pytest.param(
     False,
     marks=pytest.mark.xfail(

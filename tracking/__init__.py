@@ -1,6 +1,31 @@
-"""Pallets over time: measurements of single shots fused with the forklift's odometry.
+"""Pallets over time: measurements of single shots fused with the forklift's odometry."""
 
-The scope of this package is the odometry between shots, the filter and the life of a track, the stream
-of live use and the smoother for recordings. It imports nothing but `palletloc`.
-This version has none of it yet: every shot is measured on its own.
-"""
+from __future__ import annotations
+
+from tracking.answers import Knowledge, TrackState
+from tracking.config import TrackerConfig
+from tracking.events import Event, EventKind
+from tracking.faults import UnknownTrackError
+from tracking.motion import Twist
+from tracking.observation import PartialMeasurement
+from tracking.odometry import Odometry, OdometryNoise, OdometrySource
+from tracking.shot_taken import ShotTaken
+from tracking.track import Status
+from tracking.tracker import PalletTracker
+
+__all__ = [
+    "Event",
+    "EventKind",
+    "Knowledge",
+    "Odometry",
+    "OdometryNoise",
+    "OdometrySource",
+    "PalletTracker",
+    "PartialMeasurement",
+    "ShotTaken",
+    "Status",
+    "TrackState",
+    "TrackerConfig",
+    "Twist",
+    "UnknownTrackError",
+]

@@ -1,0 +1,97 @@
+"""Parameters of the tracker, in one place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from tracking.odometry import OdometryNoise
+from tracking.path_limits import PathLimits
+
+
+@dataclass(frozen=True, slots=True)
+class MeasurementErrors:
+    """How the errors of single shots belong together."""
+
+    common_position_m: float = 0.0025
+    """Error of the place that a pallet's measurements share: what is unknown of mounting, level and model moves all
+    of them alike, and does not average out. One standard deviation along each axis; 0 where there is none."""
+    common_yaw_deg: float = 0.06
+    """The same of the yaw, in degrees."""
+    max_common_share: float = 0.8
+    """Largest part of a measurement's variance that others share."""
+    common_path_m: float = 1.5
+    """Way of the forklift over which that falls to a third, as the view of the pallet changes."""
+    latency_s: float = 0.0
+    """How much later than the exposure a shot is stamped."""
+
+
+@dataclass(frozen=True, slots=True)
+class GateConfig:
+    """Which measurements may belong to a track, and how much they count."""
+
+    probability: float = 0.999
+    """Part of a pallet's measurements that the gate lets pass."""
+    max_distance_m: float = 1.5
+    """Farther from a track no measurement is compared with it."""
+    robust_probability: float = 0.95
+    """Part of a track's measurements that count in full; the Huber weight of the others falls with their distance."""
+    adapt_over: int = 12
+    """Over how many measurements innovations are compared with their covariance; 0 takes that as it is."""
+    adapt_probability: float = 0.99
+    """How sure it must be that the covariances are wrong before they are scaled."""
+    min_scale: float = 0.5
+    """Smallest factor on a measurement's covariance."""
+    max_scale: float = 9.0
+    """Largest factor on a measurement's covariance."""
+
+
+@dataclass(frozen=True, slots=True)
+class LifeConfig:
+    """When a track is believed, and when it ends."""
+
+    confirm_hits: int = 3
+    """Measurements until a track is confirmed."""
+    tentative_misses: int = 3
+    """Shots in a row without a measurement that end a track which is not confirmed."""
+    tentative_age_s: float = 5.0
+    """The same in seconds since its last measurement."""
+    coast_after_s: float = 2.0
+    """Time since its last measurement from which on a track coasts, even where no shot came in between."""
+    max_coast_s: float = 60.0
+    """Time since its last measurement after which a track is lost."""
+    max_sigma_m: float = 0.5
+    """Standard deviation of its place on the floor above which a track is lost."""
+    recovery_hits: int = 3
+    """Rejected measurements in a row that agree with each other until the track begins anew from them."""
+
+
+@dataclass(frozen=True, slots=True)
+class WindowConfig:
+    """Which inputs are in time."""
+
+    window_s: float = 2.0
+    """How late an input may be against the newest one; earlier ones are put in their place."""
+    max_jump_s: float = 60.0
+    """How far from the newest input another one may be before its clock is doubted."""
+    restart_inputs: int = 5
+    """Inputs in a row, far from all others but near each other, that are believed: the tracker starts anew."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrackerConfig:
+    """Parameters of the tracker."""
+
+    odometry: OdometryNoise = field(default_factory=OdometryNoise)
+    """What odometry cannot know."""
+    estimate_odometry: bool = True
+    """Whether its constant errors are estimated while driving, or only allowed for."""
+    path: PathLimits = field(default_factory=PathLimits)
+    """What is believed of odometry."""
+    errors: MeasurementErrors = field(default_factory=MeasurementErrors)
+    """How the errors of single shots belong together."""
+    gate: GateConfig = field(default_factory=GateConfig)
+    """Which measurements belong to a track."""
+    life: LifeConfig = field(default_factory=LifeConfig)
+    """When a track is believed, and when it ends."""
+    window: WindowConfig = field(default_factory=WindowConfig)
+    """Which inputs are in time."""

@@ -1,0 +1,78 @@
+"""Whether a measurement may belong to a track, and how much it counts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+from scipy.stats import chi2
+
+from tracking.config import GateConfig
+
+
+@lru_cache(maxsize=256)
+def chi_square_limit(probability: float, dof: int) -> float:
+    """Return what a chi-square variable stays below with a probability.
+
+    Parameters
+    ----------
+    probability : float
+        Between 0 and 1.
+    dof : int
+        Degrees of freedom.
+
+    Examples
+    --------
+    >>> round(chi_square_limit(0.99, 4), 2)
+    13.28
+    """
+    return float(chi2.ppf(probability, dof))
+
+
+def huber_weight(distance: float, dof: int, config: GateConfig) -> float:
+    """Return how much a measurement counts: 1 for ordinary ones, less the farther off it is.
+
+    Huber's weight of the Mahalanobis distance (Huber, Robust Statistics, 1981, section 8.4).
+
+    Parameters
+    ----------
+    distance : float
+        Squared Mahalanobis distance.
+    dof : int
+        Numbers in the measurement.
+    config : GateConfig
+        With the part of measurements that counts in full.
+    """
+    limit = chi_square_limit(config.robust_probability, dof)
+    return 1.0 if distance <= limit else float((limit / distance) ** 0.5)
+
+
+def covariance_scale(ratios: Sequence[float], config: GateConfig) -> float:
+    """Return by what factor measurements' covariances are wrong, as their innovations say.
+
+    The mean of n normalised innovations squared over their degrees of freedom is 1 where covariances are honest,
+    and a chi-square variable of 4 n degrees over 4 n. Within its band nothing is changed.
+
+    Parameters
+    ----------
+    ratios : sequence of float
+        Normalised innovation squared over its degrees of freedom, of the last measurements, with their own
+        covariance.
+    config : GateConfig
+        The window, and bounds of the factor.
+
+    Returns
+    -------
+    float
+        Between the bounds; 1 while the window is not full.
+    """
+    count = config.adapt_over
+    if count <= 0 or len(ratios) < count:
+        return 1.0
+    last = ratios[-count:]
+    mean = sum(last) / count
+    outside = (1 - config.adapt_probability) / 2
+    low, high = (chi_square_limit(p, 4 * count) / (4 * count) for p in (outside, 1 - outside))
+    if low <= mean <= high:
+        return 1.0
+    return min(max(mean, config.min_scale), config.max_scale)

@@ -1,0 +1,121 @@
+"""A pallet that is followed: what is known of it, and how much it is believed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import NamedTuple
+
+import numpy as np
+
+from palletloc.geometry import FloatArray, LevelPose
+from tracking.config import LifeConfig
+from tracking.filter import POSE, Gaussian, Prediction
+
+
+class Status(StrEnum):
+    """How much a track is believed."""
+
+    TENTATIVE = "tentative"
+    """Seen too few times to be believed."""
+    CONFIRMED = "confirmed"
+    """Seen often enough, and in the last shot."""
+    COASTING = "coasting"
+    """Believed, but not seen of late: odometry alone says where it is."""
+
+
+class Key(NamedTuple):
+    """Names a track by its first measurement, whatever order the inputs came in."""
+
+    time: float
+    """When that was, in seconds."""
+    birth: tuple[object, ...]
+    """That measurement's `Observation.order`."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rival:
+    """Measurements in a track's place that its gate rejected, fused with each other."""
+
+    state: Gaussian
+    """What they say."""
+    model: str
+    """The pallet model that they name."""
+    hits: int
+    """How many there are."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Track:
+    """A pallet at the time of a shot; a value that is never changed."""
+
+    key: Key
+    """Its name."""
+    model: str
+    """Name of the pallet model."""
+    state: Gaussian
+    """What the filter knows, at the time of the last shot."""
+    seen: float
+    """Time of its last measurement, in seconds."""
+    hits: int = 1
+    """How many measurements it is made of."""
+    misses: int = 0
+    """Shots in a row without one."""
+    confirmed: bool = False
+    """Whether it was seen often enough to be believed."""
+    nis: float = float("nan")
+    """Normalised innovation squared of its last measurement."""
+    ratios: tuple[float, ...] = ()
+    """The last ones over their degrees of freedom."""
+    rival: Rival | None = None
+    """What contradicts it."""
+    predicted: Prediction | None = None
+    """How the last shot found it, before its measurement; None where it began there."""
+
+    @property
+    def pose(self) -> LevelPose:
+        """``forklift_from_pallet``."""
+        return LevelPose(*(float(value) for value in self.state.mean[POSE]))
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(4, 4) covariance of (x, y, z, yaw), in metres and radians."""
+        return self.state.covariance[POSE, POSE]
+
+    def status(self, time: float, config: LifeConfig) -> Status:
+        """Return how much it is believed at a time.
+
+        Parameters
+        ----------
+        time : float
+            In seconds, at or after its last shot.
+        config : LifeConfig
+            When it coasts.
+        """
+        if not self.confirmed:
+            return Status.TENTATIVE
+        coasts = self.misses > 0 or time - self.seen > config.coast_after_s
+        return Status.COASTING if coasts else Status.CONFIRMED
+
+    def end(self, time: float, config: LifeConfig) -> str:
+        """Return why it ends at a time; nothing where it goes on.
+
+        Parameters
+        ----------
+        time : float
+            In seconds, at or after its last shot.
+        config : LifeConfig
+            When tracks end.
+        """
+        if not self.confirmed and self.misses >= config.tentative_misses:
+            return f"not seen in {self.misses} shots before it was confirmed"
+        if self.is_too_old(time, config):
+            return f"not seen for {time - self.seen:.3g} s"
+        sigma = float(np.sqrt(np.linalg.eigvalsh(self.covariance[:2, :2])[-1]))
+        if sigma > config.max_sigma_m:
+            return f"its place is known to {sigma:.2g} m only"
+        return ""
+
+    def is_too_old(self, time: float, config: LifeConfig) -> bool:
+        """Tell whether its last measurement is too long ago."""
+        return time - self.seen > (config.max_coast_s if self.confirmed else config.tentative_age_s)

@@ -1,0 +1,223 @@
+"""Pallets over time: takes odometry and measurements as they come, in any order, and knows where the pallets are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+from palletloc.measurement import PalletMeasurement
+from palletloc.pallet import PalletModel
+from tracking.answers import TrackState, states_at
+from tracking.belief import Belief, Rules
+from tracking.clock import Clock
+from tracking.config import TrackerConfig
+from tracking.events import Event, EventKind
+from tracking.faults import BadInputError, UnknownTrackError
+from tracking.filter import PalletFilter
+from tracking.footprint import Footprints
+from tracking.news import News
+from tracking.observation import Observation, PartialMeasurement, observe
+from tracking.odometry import Odometry, check_odometry
+from tracking.replay import Look, Replay
+from tracking.shot_taken import ShotTaken
+
+Input = Odometry | PalletMeasurement | PartialMeasurement | ShotTaken
+"""What a tracker takes."""
+
+
+class PalletTracker:
+    """Fuses the measurements of single shots with odometry: one steady, honest pose for each pallet.
+
+    Reads no clock, starts no thread, draws no random number: the same inputs give the same states, in whatever
+    order they arrive inside the window.
+
+    Parameters
+    ----------
+    config : TrackerConfig, optional
+        Parameters.
+    models : iterable of PalletModel, optional
+        The pallets of the site; measurements of others are rejected. If left out, every model's are taken.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from palletloc.geometry import LevelPose
+    >>> from palletloc.measurement import YawSource
+    >>> tracker = PalletTracker()
+    >>> for time in (0.0, 0.1):
+    ...     events = tracker.push(Odometry(time, LevelPose(0.5 * time, 0.0, 0.0, 0.0)))
+    >>> there = LevelPose(2.0, 1.8, 0.0, 1.57)
+    >>> seen = PalletMeasurement(0.1, "epal1-1200", there, 1e-4 * np.eye(4), 0.9, YawSource.FACE)
+    >>> [str(event.kind) for event in tracker.push(seen)]
+    ['accepted', 'born']
+    >>> for time in (0.2, 0.3):
+    ...     events = tracker.push(Odometry(time, LevelPose(0.5 * time, 0.0, 0.0, 0.0)))
+    >>> round(tracker.state(1).pose.x, 3)
+    1.9
+    """
+
+    def __init__(self, config: TrackerConfig | None = None, models: Iterable[PalletModel] | None = None) -> None:
+        self.config = config or TrackerConfig()
+        self._rules = Rules(self.config, PalletFilter(self.config), Footprints(models))
+        self._clock = Clock(self.config.window)
+        self._replay = Replay(self._rules, Belief())
+        self._news = News(self.config.life)
+
+    @property
+    def newest(self) -> float | None:
+        """Time of the newest input, in seconds; None before the first."""
+        return self._clock.newest if math.isfinite(self._clock.newest) else None
+
+    def push(self, given: Input | Iterable[Input]) -> list[Event]:
+        """Take an input, or several.
+
+        Parameters
+        ----------
+        given : Odometry, PalletMeasurement, PartialMeasurement, ShotTaken, or several of them
+            In any order of time inside the window. A shot in which nothing was found is worth a `ShotTaken`, too:
+            it says that no pallet was seen.
+
+        Returns
+        -------
+        list of Event
+            What became of the input, and what that led to; first what became of it.
+
+        Raises
+        ------
+        TypeError
+            If it is something else.
+        """
+        if isinstance(given, Input):
+            return self._push((given,))
+        inputs = tuple(given)
+        for one in inputs:
+            if not isinstance(one, Input):
+                raise TypeError(f"expected odometry or a measurement, got {type(one).__name__}")
+        return self._push(inputs)
+
+    def state(self, track: int, at: float | None = None) -> TrackState:
+        """Return where a pallet is.
+
+        Parameters
+        ----------
+        track : int
+            Its number, as the events name it.
+        at : float, optional
+            When, in seconds; the newest input's time if left out.
+
+        Returns
+        -------
+        TrackState
+            The pose in the forklift frame at that time, and how it is known.
+
+        Raises
+        ------
+        UnknownTrackError
+            If there is no such track, or it is not known so long ago.
+        """
+        for one in self.tracks(at):
+            if one.track == track:
+                return one
+        known = ", ".join(str(one.track) for one in self.tracks()) or "none"
+        when = "" if at is None else f" at {at:.6g} s"
+        raise UnknownTrackError(f"track {track}{when}: expected one that lives then; now live: {known}")
+
+    def tracks(self, at: float | None = None) -> tuple[TrackState, ...]:
+        """Return where all pallets are that are followed.
+
+        Parameters
+        ----------
+        at : float, optional
+            When, in seconds; the newest input's time if left out.
+
+        Returns
+        -------
+        tuple of TrackState
+            In the order of their numbers.
+
+        Raises
+        ------
+        UnknownTrackError
+            If the time is not finite, or before what is kept.
+        """
+        time = self._clock.newest if at is None else at
+        if self.newest is None:
+            return ()
+        if not math.isfinite(time):
+            raise UnknownTrackError(f"tracks at {time!r} s: expected a finite time")
+        belief = self._replay.belief_at(time)
+        if belief.time is None:
+            return ()
+        if time < belief.time:
+            raise UnknownTrackError(f"tracks at {time:.6g} s: expected a time from {belief.time:.6g} s on")
+        return states_at(time, belief, self._replay.path, self._news.names.numbers, self._rules)
+
+    def _push(self, inputs: Sequence[Input]) -> list[Event]:
+        """Take inputs that come together: their steps are done once."""
+        events: list[Event] = []
+        changed = math.inf
+        for one in inputs:
+            fates, since = self._taken(one)
+            events += fates
+            changed = min(changed, since)
+        first = self._replay.run(changed)
+        events += self._news.of_steps(self._replay, first)
+        events += self._news.of_lives(self._replay, self._clock.newest)
+        final = self._replay.forget_before(self._clock.horizon)
+        return events + self._news.of_final(self._replay, final)
+
+    def _taken(self, given: Input) -> tuple[list[Event], float]:
+        """Return what became of an input, and from when on steps have to be done again."""
+        try:
+            ready = self._checked(given)
+        except BadInputError as fault:
+            return [Event(EventKind.REJECTED, given.time, reason=str(fault))], math.inf
+        lateness = self._clock.judge(ready.time)
+        before: list[Event] = []
+        if lateness.restarted:
+            before = self._restarted(ready.time)
+        elif not lateness.in_time:
+            kind = EventKind.TIME_JUMP if lateness.jumped else EventKind.TOO_LATE
+            window = self.config.window.window_s
+            return [Event(kind, ready.time, age=lateness.age, window=window)], math.inf
+        events, changed = self._take_odometry(ready) if isinstance(ready, Odometry) else self._take_look(ready)
+        return before + events, changed
+
+    def _checked(self, given: Input) -> Odometry | Observation | ShotTaken:
+        """Return an input ready to be used; raise a fault that names what is wrong."""
+        if isinstance(given, Odometry):
+            return check_odometry(given)
+        if isinstance(given, ShotTaken):
+            return given.checked(self.config.errors.latency_s)
+        if not self._rules.footprints.accepts(given.model):
+            names = ", ".join(self._rules.footprints.names)
+            raise BadInputError("model", given.time, f"expected one of {names}, got {given.model!r}")
+        return observe(given, self.config.errors)
+
+    def _take_odometry(self, sample: Odometry) -> tuple[list[Event], float]:
+        path = self._replay.path
+        present = path.find(sample.time)
+        if present is not None and present.says >= sample.says:
+            reason = "" if present.says == sample.says else "another sample of the same time was kept"
+            return [Event(EventKind.DUPLICATE, sample.time, reason=reason)], math.inf
+        changed = path.put(sample)
+        events = [Event(EventKind.ACCEPTED, sample.time)]
+        if path.jumps_at(sample.time):
+            events.append(Event(EventKind.RESET, sample.time, reason="the odometry's pose jumped"))
+        return events, math.nextafter(changed, math.inf)
+
+    def _take_look(self, given: Observation | ShotTaken) -> tuple[list[Event], float]:
+        look = self._replay.look_at(given.time)
+        if isinstance(given, ShotTaken):
+            if look is None:
+                self._replay.place(Look(given.time))
+            return [Event(EventKind.ACCEPTED, given.time)], math.inf
+        if look is not None and any(one.order == given.order for one in look.observations):
+            return [Event(EventKind.DUPLICATE, given.time)], math.inf
+        self._replay.place((look or Look(given.time)).plus(given))
+        return [], math.inf
+
+    def _restarted(self, time: float) -> list[Event]:
+        """Forget everything but the numbers given so far."""
+        self._replay = Replay(self._rules, Belief())
+        return self._news.of_restart(time)

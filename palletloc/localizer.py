@@ -13,7 +13,8 @@ from palletloc.cameras.protocol import CameraModel
 from palletloc.candidate import Candidate, ShotView
 from palletloc.config import LocalizerConfig, Method
 from palletloc.detection import Detection, detect
-from palletloc.geometry import Image, LevelPose
+from palletloc.exposure import brightened, points_about, shelf_points
+from palletloc.geometry import FloatArray, Image, LevelPose
 from palletloc.measurement import HeightPrior, PalletMeasurement, Reason, Refusal, Stage
 from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
@@ -33,6 +34,9 @@ METHODS: dict[Method, Measure] = {
     Method.PAPER: measure_as_in_paper,
     Method.JOINT_SEARCH: measure_jointly,
 }
+
+ABOVE = 0.3
+"""How far above the highest level the light on the shelf is looked at, in metres."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,6 +156,9 @@ class Localizer:
 
     def explain(self, image: Image, time: float, shelf: ShelfPlane, file: str = "") -> Explanation:
         """Do what `localize` does and keep the result of every stage."""
+        levels = shelf.levels or self.config.detection.heights
+        heights = min(levels), max(levels) + ABOVE
+        image = self._exposed(image, shelf_points(shelf, heights, self.config.detection.max_range))
         shot = self._shot(image)
         detections, views = detect(
             self.projector,
@@ -193,8 +200,11 @@ class Localizer:
         self, image: Image, time: float, starts: Sequence[Start], levels: Sequence[float] = (), file: str = ""
     ) -> Explanation:
         """Do what `localize_from` does and keep the result of every stage."""
-        shot = self._shot(image)
         candidates = [self._given(start, levels) for start in starts]
+        usable = [candidate.start for candidate in candidates if candidate.refusal is None]
+        if usable:
+            image = self._exposed(image, points_about(usable))
+        shot = self._shot(image)
         for candidate in candidates:
             if candidate.refusal is None:
                 METHODS[self.method](shot, candidate, self.config)
@@ -220,6 +230,9 @@ class Localizer:
         if again.refusal is not None:
             return candidate
         return again if candidate.refusal is not None or _clearer(again, candidate) else candidate
+
+    def _exposed(self, image: Image, points: FloatArray) -> Image:
+        return brightened(image, self.projector.camera, self.mounting, points)
 
     def _shot(self, image: Image) -> ShotView:
         return ShotView(image, self.projector, self.mounting, self.mounting.forklift_from_camera.inv())

@@ -1,0 +1,98 @@
+"""Dark shots brightened: steps that round to whole gray levels would lose most of what little contrast they have."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from palletloc.cameras.protocol import CameraModel
+from palletloc.geometry import FloatArray, Image, LevelPose
+from palletloc.mounting import Mounting
+from palletloc.shelf import ShelfPlane
+
+BRIGHT = 200.0
+"""Gray level that the brightest parts of the shelf shall have."""
+BRIGHTEST = 98.0
+"""Percentile of the gray levels about the shelf that counts as its brightest: lamps and reflections are more so."""
+LEAST_GAIN, MOST_GAIN = 1.5, 12.0
+"""Gain from which on brightening is worth its time, and the largest one: beyond, there is only noise."""
+ABOUT = 1.0
+"""How far around given places the light is looked at, in metres."""
+STEP = 0.15
+"""How far apart it is looked at, in metres."""
+
+
+def brightened(image: Image, camera: CameraModel, mounting: Mounting, points: FloatArray) -> Image:
+    """Return a shot as if it had been exposed for what it is to measure.
+
+    Parameters
+    ----------
+    image : (height, width) or (height, width, 3) array
+        The shot.
+    camera : CameraModel
+        The camera that took it.
+    mounting : Mounting
+        Of the camera.
+    points : (n, 3) array
+        Places in the forklift frame that it shall be exposed for, in metres.
+
+    Returns
+    -------
+    Image
+        The shot itself where it is bright enough there.
+    """
+    seen = camera.project(mounting.forklift_from_camera.inv().apply(points))
+    height, width = image.shape[:2]
+    columns, rows = np.rint(seen.pixels[seen.valid]).astype(np.intp).T
+    inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
+    if not inside.any():
+        return image
+    colours = image[rows[inside], columns[inside]].reshape(int(inside.sum()), -1)
+    gain = BRIGHT / max(float(np.percentile(colours.max(axis=1), BRIGHTEST)), 1.0)
+    if gain < LEAST_GAIN:
+        return image
+    return np.asarray(cv2.convertScaleAbs(image, alpha=min(gain, MOST_GAIN)), dtype=np.uint8)
+
+
+def shelf_points(shelf: ShelfPlane, heights: tuple[float, float], reach: float) -> FloatArray:
+    """Return points all over a shelf's front.
+
+    Parameters
+    ----------
+    shelf : ShelfPlane
+        In the forklift frame.
+    heights : (float, float)
+        Lowest and highest, in metres.
+    reach : float
+        How far to both sides of the place nearest to the forklift, in metres.
+
+    Returns
+    -------
+    (n, 3) array
+        In the forklift frame.
+    """
+    out = np.array([np.cos(shelf.facing), np.sin(shelf.facing)])
+    foot = out * (out @ [shelf.x, shelf.y])
+    along, up = np.meshgrid(np.arange(-reach, reach, STEP), np.arange(*heights, STEP))
+    floor = foot + along.reshape(-1, 1) * np.array([-out[1], out[0]])
+    return np.column_stack([floor, up.ravel()])
+
+
+def points_about(poses: Sequence[LevelPose]) -> FloatArray:
+    """Return points around given places.
+
+    Parameters
+    ----------
+    poses : sequence of LevelPose
+        ``forklift_from_pallet``.
+
+    Returns
+    -------
+    (n, 3) array
+        In the forklift frame.
+    """
+    right, up = np.meshgrid(np.arange(-ABOUT, ABOUT, STEP), np.arange(-STEP, 2 * STEP, STEP / 2))
+    face = np.column_stack([np.zeros(right.size), right.ravel(), up.ravel()])
+    return np.concatenate([pose.transform().apply(face) for pose in poses])

@@ -11,7 +11,7 @@ from palletloc.candidate import Candidate, ShotView
 from palletloc.config import LocalizerConfig
 from palletloc.geometry import LevelPose, wrap_angle
 from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
-from palletloc.refinement.alignment import FaceEstimate, YawPrior, fit_face
+from palletloc.refinement.alignment import FaceEstimate, YawPrior, fit_face, same_pose
 from palletloc.refinement.appearance import SHOWN, opening_contrasts
 from palletloc.refinement.hypotheses import score_pose
 from palletloc.refinement.occlusion import Spans, hidden_part
@@ -29,6 +29,8 @@ NATS_PER_EDGE = 2.0
 """How much less likely, as a logarithm, each missing or contradicting edge makes a pose."""
 GLANCE_CONTRAST = 0.9
 """Contrast of openings and blocks below which a start shows no pallet, in spreads of the blocks."""
+GLANCE_DOUBT = 0.3
+"""Doubt that a good fit leaves: what it would add to what a glance at a start shows."""
 
 Prepare = Callable[[Candidate, LevelPose], LevelPose]
 """Readies a candidate for a fit from a start, and returns where to begin."""
@@ -66,14 +68,16 @@ def keep_best(
     for start, patch in starts:
         if any(one.pose is not None and _near(start, one.pose) for one in attempts):
             continue  # it would lead to the same pose
-        if _contrast(patch, start, candidate) < GLANCE_CONTRAST:
-            continue  # most places that are not a pallet end here; of a face that is not wholly seen the fit tells
+        if not _may_be_pallet(patch, start, candidate, config):
+            continue  # most places that are not a pallet end here
         attempt = replace(candidate, horizontal=list(candidate.horizontal))
-        _fit(shot, attempt, prepare(attempt, start), patch, config)
+        known = [one.pose for one in attempts if one.pose is not None and _doubt(one) < config.face_fit.max_doubt]
+        _fit(shot, attempt, prepare(attempt, start), patch, known, config)
+        if any(_agree(attempt, pose) for pose in known):
+            break  # two starts lead to a pose that leaves no doubt
         attempts.append(attempt)
-        doubt = np.inf if attempt.face is None else attempt.face.doubt
-        certain = not weak and doubt < config.face_fit.max_doubt
-        if certain or len(attempts) == MOST_ATTEMPTS or any(_agree(attempt, one) for one in attempts[:-1]):
+        certain = not weak and _doubt(attempt) < config.face_fit.max_doubt
+        if certain or len(attempts) == MOST_ATTEMPTS or any(_agree(attempt, one.pose) for one in attempts[:-1]):
             break
     if not attempts:
         return candidate.refuse(Stage.VERIFICATION, Reason.LOW_CONTRAST)
@@ -90,13 +94,35 @@ def keep_best(
     return None
 
 
+def _may_be_pallet(patch: FacePatch, start: LevelPose, candidate: Candidate, config: LocalizerConfig) -> bool:
+    """Tell whether a start could pass the checks if all edges were found; where it is not wholly seen, it may."""
+    contrast = _contrast(patch, start, candidate)
+    if np.isnan(contrast):
+        return True
+    if contrast < GLANCE_CONTRAST:
+        return False
+    hoped = Signs(contrast, 1.0, score_pose(patch, candidate.model, start), GLANCE_DOUBT)
+    return verify(hoped, config.verification).reason is None
+
+
+def _doubt(attempt: Candidate) -> float:
+    return np.inf if attempt.face is None else attempt.face.doubt
+
+
 def _contrast(patch: FacePatch, pose: LevelPose, candidate: Candidate, hidden: Spans = ()) -> float:
     """Return how clearly the less clear opening differs from the blocks beside it, NaN where that is not seen."""
     shown = [hidden_part(one.left, one.right, hidden) < SHOWN for one in candidate.model.openings]
     return float(opening_contrasts(patch, candidate.model, pose, hidden)[shown].min()) if any(shown) else 0.0
 
 
-def _fit(shot: ShotView, candidate: Candidate, pose: LevelPose, patch: FacePatch, config: LocalizerConfig) -> None:
+def _fit(
+    shot: ShotView,
+    candidate: Candidate,
+    pose: LevelPose,
+    patch: FacePatch,
+    known: Sequence[LevelPose],
+    config: LocalizerConfig,
+) -> None:
     model = candidate.model
     height = candidate.height or HeightPrior(candidate.start.z, config.prior.free_sigma)
     yaw = None
@@ -105,7 +131,7 @@ def _fit(shot: ShotView, candidate: Candidate, pose: LevelPose, patch: FacePatch
         yaw = YawPrior(candidate.yaw.sigma, model.height if candidate.yaw.source is YawSource.TOP else 0.0)
     spread = float(np.radians(config.prior.yaw_sigma_deg))
     face = fit_face(
-        shot.projector.camera, shot.image, shot.mounting, pose, model, height, yaw, spread, config.face_fit
+        shot.projector.camera, shot.image, shot.mounting, pose, model, height, yaw, spread, config.face_fit, known
     )
     if isinstance(face, Reason):
         return candidate.refuse(Stage.POSITION, face)
@@ -136,11 +162,8 @@ def _compare_yaws(candidate: Candidate, face: FaceEstimate) -> None:
     return None
 
 
-def _agree(one: Candidate, other: Candidate) -> bool:
-    if one.pose is None or other.pose is None:
-        return False
-    apart = np.abs(one.pose.as_array() - other.pose.as_array())
-    return bool(apart[:3].max() < 0.01 and abs(wrap_angle(float(apart[3]))) < np.radians(0.3))
+def _agree(attempt: Candidate, pose: LevelPose | None) -> bool:
+    return attempt.pose is not None and pose is not None and same_pose(attempt.pose, pose)
 
 
 def _likelihood(attempt: Candidate) -> float:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -177,70 +178,88 @@ def fit_edges(
         None for an edge of which fewer than three independent peaks agree, or whose peaks are noise.
     """
     limit = np.full(len(pixel_across), FREE_SLOPE) if slope_sigma is None else np.minimum(slope_sigma, FREE_SLOPE)
-    seen = peaks.strength > 0
-    offset, slope, residual, scale = _robust_lines(peaks, seen, NOISE_FLOOR_PX * pixel_across, limit)
-    inlier = seen & (np.abs(residual) < 3 * scale[:, None])
-    count = np.maximum(inlier.sum(axis=1), 1)
+    lines = _robust_lines(peaks, NOISE_FLOOR_PX * pixel_across, limit)
+    inlier = np.abs(lines.residual) < 3 * lines.scale[:, None]
+    residual = np.where(inlier, lines.residual, 0.0)
+    agreeing = np.count_nonzero(inlier, axis=1)
+    count = np.maximum(agreeing, 1)
     step = peaks.along[:, 1] - peaks.along[:, 0]
-    independent = count * step / np.maximum(_correlation_length(residual * inlier, step), pixel_along)
-    center = (peaks.along * inlier).sum(axis=1) / count
-    spread = (inlier * (peaks.along - center[:, None]) ** 2).sum(axis=1) / count
-    variance = (inlier * residual**2).sum(axis=1) / np.maximum(count - 2, 1) + (0.02 * pixel_across) ** 2
+    independent = count * step / np.maximum(_correlation_length(residual, step), pixel_along)
+    center = np.einsum("ij,ij->i", peaks.along, inlier) / count
+    spread = np.einsum("ij,ij->i", inlier, (peaks.along - center[:, None]) ** 2) / count
+    variance = np.einsum("ij,ij->i", residual, residual) / np.maximum(count - 2, 1) + (0.02 * pixel_across) ** 2
     slope_variance = 1.0 / (independent * spread / variance + limit**-2)
     sigma_offset = np.sqrt(variance / np.maximum(independent, 1e-9) + slope_variance * center**2)
+    strength = np.einsum("ij,ij->i", peaks.strength, inlier) / count
+    coverage = agreeing / np.maximum(np.count_nonzero(peaks.strength >= 0, axis=1), 1)
     fewest = np.where(limit < FREE_SLOPE, MIN_INDEPENDENT - 1, MIN_INDEPENDENT)
-    strength = (peaks.strength * inlier).sum(axis=1) / count
-    coverage = inlier.sum(axis=1) / np.maximum((peaks.strength >= 0).sum(axis=1), 1)
-    return [
-        EdgeFit(*(float(value) for value in row)) if enough else None
-        for *row, enough in zip(
-            offset,
-            slope,
-            sigma_offset,
-            np.sqrt(slope_variance),
-            coverage,
-            strength,
-            (independent >= fewest) & (inlier.sum(axis=1) >= 4) & (scale < MAX_SCATTER * reach),
-            strict=True,
-        )
-    ]
+    enough = (independent >= fewest) & (agreeing >= 4) & (lines.scale < MAX_SCATTER * reach)
+    columns = (lines.offset, lines.slope, sigma_offset, np.sqrt(slope_variance), coverage, strength)
+    rows = np.stack(columns, axis=1).tolist()
+    return [EdgeFit(*row) if one else None for row, one in zip(rows, enough.tolist(), strict=True)]
 
 
-def _robust_lines(
-    peaks: EdgePeaks, seen: BoolArray, floor: FloatArray, limit: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return offsets, slopes, residuals and robust scales; starts from medians of values and pairwise slopes."""
-    along, value = peaks.along, peaks.offset
+class _Lines(NamedTuple):
+    """Robust lines through the peaks of edges."""
+
+    offset: FloatArray
+    """(edges,) at the edges' middles."""
+    slope: FloatArray
+    """(edges,) metres across per metre along."""
+    residual: FloatArray
+    """(edges, n) offsets of the peaks from their line; infinite where there is no peak."""
+    scale: FloatArray
+    """(edges,) robust standard deviations of the residuals."""
+
+
+def _robust_lines(peaks: EdgePeaks, floor: FloatArray, limit: FloatArray) -> _Lines:
+    """Fit robust lines; starts from medians of values and pairwise slopes."""
+    along, value, missing = peaks.along, peaks.offset, peaks.strength <= 0
     half = along.shape[1] // 2
     apart = along[:, half : 2 * half] - along[:, :half]
-    paired = seen[:, half : 2 * half] & seen[:, :half] & (apart > 0)
-    pairs = (value[:, half : 2 * half] - value[:, :half]) / np.where(paired, apart, 1.0)
-    slope = np.clip(_median(pairs, paired), -2 * limit, 2 * limit)
-    offset = _median(value - slope[:, None] * along, seen)
-    residual = value - offset[:, None] - slope[:, None] * along
-    for _ in range(REWEIGHTINGS):
-        scale = np.maximum(1.4826 * _median(np.abs(residual), seen), floor)
-        remaining = np.maximum(1 - (residual / (TUKEY * scale[:, None])) ** 2, 0)
-        weight = seen * remaining * remaining
-        total = np.maximum(np.einsum("ij->i", weight), 1e-9)
-        mean_along = np.einsum("ij,ij->i", weight, along) / total
-        mean_value = np.einsum("ij,ij->i", weight, value) / total
-        across = weight * (along - mean_along[:, None])
+    unpaired = missing[:, half : 2 * half] | missing[:, :half] | (apart <= 0)
+    pairs = (value[:, half : 2 * half] - value[:, :half]) / np.where(unpaired, 1.0, apart)
+    slope = np.clip(_Medians(unpaired).of(pairs), -2 * limit, 2 * limit)
+    medians = _Medians(missing)
+    offset = medians.of(value - slope[:, None] * along)
+    # what the weights are multiplied with, for all sums at once
+    sums = np.stack([np.ones_like(along), along, value, along * along, along * value], axis=2)
+    for turn in range(REWEIGHTINGS + 1):
+        residual = value - (offset[:, None] + slope[:, None] * along)
+        residual[missing] = np.inf
+        scale = np.maximum(1.4826 * medians.of(np.abs(residual)), floor)
+        if turn == REWEIGHTINGS:
+            break
+        weight = np.maximum(1 - (residual / (TUKEY * scale[:, None])) ** 2, 0)
+        weight *= weight
+        total, a, v, aa, av = (weight[:, None] @ sums)[:, 0].T
+        total = np.maximum(total, 1e-9)
         # the limit acts as an observation of a zero slope
-        squares = np.einsum("ij,ij->i", across, along) + (scale / limit) ** 2 + 1e-12
-        update = np.einsum("ij,ij->i", across, value) / squares
-        slope, offset = update, mean_value - update * mean_along
-        residual = value - offset[:, None] - slope[:, None] * along
-    return offset, slope, residual, np.maximum(1.4826 * _median(np.abs(residual), seen), floor)
+        slope = (av - a * v / total) / (aa - a * a / total + (scale / limit) ** 2 + 1e-12)
+        offset = (v - slope * a) / total
+    return _Lines(offset, slope, residual, scale)
 
 
-def _median(values: FloatArray, valid: BoolArray) -> FloatArray:
-    """Return the median of the valid values of each row, 0 where there is none."""
-    count = np.count_nonzero(valid, axis=1)
-    ordered = np.where(valid, values, np.inf)
-    ordered.sort(axis=1)
-    middle = ordered[np.arange(len(values)), np.maximum(count - 1, 0) // 2]
-    return np.where(count > 0, middle, 0.0)
+class _Medians:
+    """Medians of the rows of arrays without some places.
+
+    Parameters
+    ----------
+    left_out : (rows, n) array
+        Which places do not count.
+    """
+
+    def __init__(self, left_out: BoolArray) -> None:
+        count = left_out.shape[1] - np.count_nonzero(left_out, axis=1)
+        self._left_out = left_out
+        self._empty = count == 0
+        self._at = np.arange(len(count)), np.maximum(count - 1, 0) // 2
+
+    def of(self, values: FloatArray) -> FloatArray:
+        """Return the median of each row, 0 where nothing counts; sorts the given array."""
+        values[self._left_out] = np.inf
+        values.sort(axis=1)
+        return np.where(self._empty, 0.0, values[self._at])
 
 
 def _correlation_length(residual: FloatArray, step: FloatArray) -> FloatArray:

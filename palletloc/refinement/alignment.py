@@ -27,8 +27,10 @@ from palletloc.refinement.occlusion import hidden_part, is_hidden
 from palletloc.refinement.parallax import look_behind
 from palletloc.refinement.system import USED_WEIGHT, FaceSolution, FaceSystem
 
-SMALL_PART = 0.2
-"""Part of its standard deviation below which a motion needs no further round."""
+SMALL_PART = 0.5
+"""Part of its standard deviation below which a motion that hardly moves the edges needs no further round."""
+SAME, SAME_DEG = 0.012, 0.5
+"""How far poses may be apart to be the same, along each axis in metres and in yaw in degrees."""
 CUT_SPACING_PX = 1.5
 """About how far the cuts across an edge are apart, in pixels of the image."""
 EDGES_PER_NAT = 0.5
@@ -66,7 +68,7 @@ class FaceFitConfig:
     max_sigma: float = 0.5
     """Largest standard deviation of a position that is worth reporting, in metres."""
     small_motion: float = 0.003
-    """Below which motion, in metres and radians, the face is not measured again."""
+    """Below which motion of its edges, in metres, the face is not measured again."""
     slope_error_px: float = 0.15
     """How far each end of a level edge may lie off where its slope gives the yaw, in pixels of the camera's image."""
 
@@ -93,16 +95,24 @@ class FaceEstimate:
     """The face as it was last measured, with its edges."""
     weights: FloatArray
     """(edges,) weight of each edge in the robust fit, 0 to 1."""
-    coverage: float
-    """Part of the face's edges that lies where the pose says, 0 to 1: the mean of level and upright ones."""
     chi2: float
     """Mean squared normalised residual of the edges that count."""
-    hidden: tuple[FaceEdge, ...] = ()
-    """Edges that something stands before."""
+    lines: tuple[FaceEdge, ...]
+    """The lines of the face that the camera would see if nothing stood before it."""
     level_yaw: LevelYaw | None = None
     """What the level lines alone say of the yaw: how far from the pose's, in radians."""
     behind: float = 0.0
     """Evidence for the pose from edges behind the face, as a logarithm; 0 where none agree."""
+
+    @property
+    def hidden(self) -> tuple[FaceEdge, ...]:
+        """Edges that something stands before."""
+        return tuple(line for line in self.lines if is_hidden(line, self.seen.hidden))
+
+    @property
+    def coverage(self) -> float:
+        """Part of the face's edges that lies where the pose says, 0 to 1: the mean of level and upright ones."""
+        return _coverage(self.seen, self.lines, self.weights)
 
     @property
     def doubt(self) -> float:
@@ -122,6 +132,7 @@ def fit_face(
     yaw: YawPrior | None,
     yaw_spread: float,
     config: FaceFitConfig,
+    known: Sequence[LevelPose] = (),
 ) -> FaceEstimate | Reason:
     """Fit the pose of a face to its edges.
 
@@ -145,6 +156,8 @@ def fit_face(
         Standard deviation of the start's yaw where ``yaw`` is None, in radians.
     config : FaceFitConfig
         Parameters.
+    known : sequence of LevelPose
+        Poses that other starts led to: the fit ends where it comes to one of them.
 
     Returns
     -------
@@ -167,25 +180,40 @@ def fit_face(
         else:
             system.add_slopes(config.slope_error_px)
             system.add_turn(-turned, yaw_spread)
-        solution, behind = system.solve(), 0.0
+        solution = system.solve()
+        estimate = _estimate(seen, pose, model, solution)
         edges = visible_depth_edges(model, seen.plane_from_camera) if i > 0 else ()
         if edges:
-            alone = _estimate(seen, pose, model, solution, None)
             camera_from_face = mounting.camera_from_forklift @ pose.matrix() @ FACE_IN_PALLET
-            behind = look_behind(camera, image, camera_from_face, model, edges, system, solution, alone.doubt)
+            behind = look_behind(camera, image, camera_from_face, model, edges, system, solution, estimate.doubt)
             if behind > 0:
                 solution = system.solve()
+                estimate = replace(_estimate(seen, pose, model, solution), behind=behind)
         sigma = np.sqrt(solution.covariance.diagonal())
         if float(sigma[:3].max()) > config.max_sigma:
             return Reason.FEW_EDGES
-        estimate = _estimate(seen, pose, model, solution, level_yaw(seen, config.slope_error_px))
-        estimate = replace(estimate, behind=behind)
         pose = estimate.forklift_from_pallet
-        small = np.maximum(config.small_motion, SMALL_PART * sigma)
-        settled = bool((np.abs(solution.motion) < small).all()) and upright <= config.reach
-        if settled or estimate.doubt > config.hopeless_doubt:
+        settled = upright <= config.reach and _settled(system, solution, sigma, config)
+        if settled or estimate.doubt > config.hopeless_doubt or any(same_pose(pose, one) for one in known):
             break
-    return Reason.FEW_EDGES if estimate is None else estimate
+    if estimate is None:
+        return Reason.FEW_EDGES
+    said = level_yaw(estimate.seen, config.slope_error_px)
+    turn = float(solution.motion[3])
+    return estimate if said is None else replace(estimate, level_yaw=replace(said, turn=said.turn - turn))
+
+
+def _settled(system: FaceSystem, solution: FaceSolution, sigma: FloatArray, config: FaceFitConfig) -> bool:
+    """Tell whether another round would find the same edges at the same places."""
+    if np.abs(system.shifts(solution.motion)).max() > config.small_motion:
+        return False
+    return bool((np.abs(solution.motion) < np.maximum(config.small_motion, SMALL_PART * sigma)).all())
+
+
+def same_pose(one: LevelPose, other: LevelPose) -> bool:
+    """Tell whether two fits lead to the same pose, as far as a fit is repeated exactly."""
+    apart = np.abs(one.as_array() - other.as_array())
+    return bool(apart[:3].max() < SAME and abs(wrap_angle(float(one.yaw - other.yaw))) < np.radians(SAME_DEG))
 
 
 def _seen(
@@ -211,9 +239,7 @@ def _seen(
     return Reason.HIDDEN if seen.hidden_part > config.max_hidden else seen
 
 
-def _estimate(
-    seen: SeenFace, pose: LevelPose, model: PalletModel, solution: FaceSolution, said: LevelYaw | None
-) -> FaceEstimate:
+def _estimate(seen: SeenFace, pose: LevelPose, model: PalletModel, solution: FaceSolution) -> FaceEstimate:
     right, up, depth, turn = (float(value) for value in solution.motion)
     cos, sin = float(np.cos(pose.yaw)), float(np.sin(pose.yaw))
     moved = LevelPose(
@@ -224,15 +250,11 @@ def _estimate(
     )
     forklift_from_face = np.array([[sin, 0, cos, 0], [-cos, 0, sin, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
     covariance = forklift_from_face @ solution.covariance @ forklift_from_face.T
-    lines = [line.whole for line in visible_lines(model, seen.plane_from_camera)]
-    hidden = tuple(line for line in lines if is_hidden(line, seen.hidden))
-    coverage = _coverage(seen, lines, solution)
-    if said is not None:
-        said = replace(said, turn=said.turn - turn)
-    return FaceEstimate(moved, covariance, seen, solution.weights, coverage, solution.chi2, hidden, said)
+    lines = tuple(line.whole for line in visible_lines(model, seen.plane_from_camera))
+    return FaceEstimate(moved, covariance, seen, solution.weights, solution.chi2, lines)
 
 
-def _coverage(seen: SeenFace, lines: Sequence[FaceEdge], solution: FaceSolution) -> float:
+def _coverage(seen: SeenFace, lines: Sequence[FaceEdge], weights: FloatArray) -> float:
     """Return the part of the edges that is seen: upright ones count as much as level ones, which are longer.
 
     A line on the floor covers every level edge of a face and no upright one; what is found of those is far fainter.
@@ -250,7 +272,7 @@ def _coverage(seen: SeenFace, lines: Sequence[FaceEdge], solution: FaceSolution)
         )
         covered = sum(
             one.edge.length * one.fit.coverage
-            for one, weight in zip(seen.edges, solution.weights, strict=True)
+            for one, weight in zip(seen.edges, weights, strict=True)
             if one.edge.horizontal is level_ones and weight > USED_WEIGHT and not seen.loaded(one.edge)
         )
         parts.append(min(1.0, covered / visible) if visible > 0 else 0.0)

@@ -47,7 +47,9 @@ class FaceCuts:
     count: int
     """Most cuts across one line."""
     level: BoolArray
-    """(lines,) which lines are level."""
+    """(lines,) which lines are level: they come first."""
+    level_cuts: int
+    """How many of the cuts, the first ones, are across level lines."""
     spacing: FloatArray
     """(lines,) distance between neighbouring cuts, in metres."""
 
@@ -74,9 +76,10 @@ def face_cuts(model: PalletModel, level_spacing: float, upright_spacing: float, 
     Returns
     -------
     FaceCuts
-        In the order of `face_lines`.
+        Level lines first, each kind in the order of `face_lines`.
     """
     lines = [one for one in face_lines(model) if not (without_bottom and one.kind == "bottom")]
+    lines.sort(key=lambda one: not one.whole.horizontal)
     return cuts_across(lines, level_spacing, upright_spacing)
 
 
@@ -86,7 +89,7 @@ def cuts_across(lines: Sequence[FaceLine], level_spacing: float, upright_spacing
     Parameters
     ----------
     lines : sequence of FaceLine
-        Level and upright ones.
+        The level ones first.
     level_spacing, upright_spacing : float
         About how far cuts are apart on either, in metres.
 
@@ -134,5 +137,6 @@ def cuts_across(lines: Sequence[FaceLine], level_spacing: float, upright_spacing
         joined["least"],
         most,
         level,
+        int(np.count_nonzero(level[joined["line"]])),
         np.array(apart),
     )

@@ -56,9 +56,9 @@ class Profiles:
             Absolute derivative, the norm over the colour channels, in gray levels per sample.
         """
         gradient = np.empty(self.sampled.shape[:2], np.float32)
-        for lines in (self.cuts.level, ~self.cuts.level):
+        level = self.cuts.level_cuts
+        for lines, here in ((self.cuts.level, slice(level)), (~self.cuts.level, slice(level, None))):
             if lines.any():
-                here = lines[self.cuts.line]
                 across, along = self.pixel[lines].mean(axis=0)
                 apart = float(self.reach[lines].mean()) * float(self.offsets[1] - self.offsets[0])
                 spacing = float(self.cuts.spacing[lines].mean())
@@ -104,7 +104,8 @@ def cut_profiles(
     half = int(np.clip(np.ceil((reach / pixel[:, 0]).max() / STEP_PX), 4, MOST_SAMPLES))
     steps = np.arange(-half - MARGIN, half + MARGIN + 1) / half
     middle, away, valid = _places(camera, camera_from_face, cuts, shift, reach)
-    columns, rows = ((middle[:, axis, None] + steps * away[:, axis, None]).astype(np.float32) for axis in (0, 1))
+    first, way, parts = (one.astype(np.float32) for one in (middle, away, steps))
+    columns, rows = (first[:, axis, None] + parts * way[:, axis, None] for axis in (0, 1))
     border = cv2.BORDER_REPLICATE if camera.period_px is None else cv2.BORDER_WRAP
     sampled = np.asarray(cv2.remap(image, columns, rows, cv2.INTER_LINEAR, borderMode=border), dtype=np.float32)
     return Profiles(cuts, sampled, steps, valid, reach, pixel)
@@ -140,4 +141,4 @@ def _derivative(sampled: Samples, across: float, along: float) -> Samples:
     change = cv2.sepFilter2D(sampled, cv2.CV_32F, slope, smooth / smooth.sum(), borderType=cv2.BORDER_REPLICATE)
     if change.ndim == 2:
         return np.asarray(np.abs(change), dtype=np.float32)
-    return np.asarray(np.sqrt(np.einsum("nsc,nsc->ns", change, change)), dtype=np.float32)
+    return np.sqrt(np.asarray(cv2.transform(change * change, np.ones((1, 3), np.float32)), dtype=np.float32))

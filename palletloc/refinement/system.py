@@ -94,11 +94,27 @@ class FaceSystem:
         side = np.array([one.shift.both_seen for one in seen.edges], dtype=int)
         offsets[np.arange(len(side)), _MOTION + _MOUNTING + side] = shared
         offsets[:, _FIRST_DEPTH - 1] = blur
+        self._shifts = offsets[:, :_MOTION]
         self._rows = [offsets / sigma[:, None]]
         self._values = [np.array([one.fit.offset for one in seen.edges]) / sigma]
         self._robust = [np.ones(len(seen.edges), dtype=bool)]
         held = np.concatenate([np.maximum(mounting.sigma, _TINY), np.ones(_SHARED + depths)])
         self._add(np.eye(self._unknowns)[_MOTION:] / held[:, None], np.zeros(len(held)), False)
+
+    def shifts(self, motion: FloatArray) -> FloatArray:
+        """Return how far outward a motion of the face shifts the images of its edges.
+
+        Parameters
+        ----------
+        motion : (4,) array
+            Right, up, depth in metres and yaw in radians.
+
+        Returns
+        -------
+        (edges,) array
+            On the plane of the face, in metres.
+        """
+        return np.asarray(self._shifts @ motion)
 
     def _image_motion(self, points: FloatArray) -> FloatArray:
         """Return what each unknown does to the images of points on the face's plane, (n, 2, unknowns).
@@ -178,8 +194,9 @@ class FaceSystem:
 
     def _slopes(self, ups: FloatArray) -> FloatArray:
         """Return what each unknown does to the slopes of level lines, (n, unknowns)."""
-        ends = [self._image_motion(np.stack([np.full_like(ups, right), ups], axis=1)) for right in (-0.5, 0.5)]
-        return np.asarray(ends[1][:, 1] - ends[0][:, 1])
+        rights = np.repeat([-0.5, 0.5], len(ups))
+        left, right = np.split(self._image_motion(np.stack([rights, np.tile(ups, 2)], axis=1))[:, 1], 2)
+        return np.asarray(right - left)
 
     def _add(self, rows: FloatArray, values: FloatArray, robust: bool) -> None:
         self._rows.append(rows)

@@ -181,7 +181,7 @@ def test_doubt_widens_the_covariance_where_only_the_face_tells(pair: ShotView, t
 
 
 def test_a_pallet_off_its_level_is_refused(pair: ShotView, t11: PalletModel) -> None:
-    found = kept(pair, t11, [LEFT], height=HeightPrior(0.12, 0.003))
+    found = kept(pair, t11, [LEFT], height=HeightPrior(0.2, 0.003))
     assert found.refusal is not None
     assert found.refusal[0] in (Stage.VERIFICATION, Stage.POSITION)
 

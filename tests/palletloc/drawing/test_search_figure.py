@@ -170,7 +170,7 @@ def test_what_stands_before_the_face_is_shown(near: Candidate, shot: ShotView) -
     right = next(one.edge for one in edges if one.edge.kind is EdgeKind.SIDE and one.edge.outward[0] > 0)
     kept = [i for i, one in enumerate(edges) if one.edge != right]
     seen = replace(near.face.seen, edges=tuple(edges[i] for i in kept), hidden=((0.3, 0.55),))
-    face = replace(near.face, seen=seen, weights=near.face.weights[kept], hidden=(right,))
+    face = replace(near.face, seen=seen, weights=near.face.weights[kept])
     figure = face_figure("P1", replace(near, face=face), shot)
     keys = {text.get_text() for text in figure.legends[0].get_texts()}
     assert {"hidden", "something stands before the face"} <= keys

@@ -22,7 +22,10 @@ def cuts_of(model: PalletModel, without_bottom: bool = False) -> FaceCuts:
 @models
 def test_every_stretch_of_every_line_is_covered_evenly_from_end_to_end(model: PalletModel) -> None:
     cuts = cuts_of(model)
-    assert cuts.lines == face_lines(model)
+    assert set(cuts.lines) == set(face_lines(model))
+    assert len(cuts.lines) == len(face_lines(model))
+    assert (np.diff(cuts.level.astype(int)) <= 0).all()
+    assert cuts.level_cuts == cuts.level[cuts.line].sum()
     counted = 0
     for number, line in enumerate(cuts.lines):
         inner = cuts.inner[cuts.line[cuts.inner] == number]

@@ -71,13 +71,13 @@ def keep_best(
         if not _may_be_pallet(patch, start, candidate, config):
             continue  # most places that are not a pallet end here
         attempt = replace(candidate, horizontal=list(candidate.horizontal))
-        known = [one.pose for one in attempts if one.pose is not None and _doubt(one) < config.face_fit.max_doubt]
+        known = [one.pose for one in attempts if one.pose is not None]
         _fit(shot, attempt, prepare(attempt, start), patch, known, config)
-        if any(_agree(attempt, pose) for pose in known):
-            break  # two starts lead to a pose that leaves no doubt
         attempts.append(attempt)
-        certain = not weak and _doubt(attempt) < config.face_fit.max_doubt
-        if certain or len(attempts) == MOST_ATTEMPTS or any(_agree(attempt, one.pose) for one in attempts[:-1]):
+        doubt = np.inf if attempt.face is None else attempt.face.doubt
+        certain = not weak and doubt < config.face_fit.max_doubt
+        agreed = attempt.pose is not None and any(same_pose(attempt.pose, one) for one in known)
+        if certain or agreed or len(attempts) == MOST_ATTEMPTS:
             break
     if not attempts:
         return candidate.refuse(Stage.VERIFICATION, Reason.LOW_CONTRAST)
@@ -103,10 +103,6 @@ def _may_be_pallet(patch: FacePatch, start: LevelPose, candidate: Candidate, con
         return False
     hoped = Signs(contrast, 1.0, score_pose(patch, candidate.model, start), GLANCE_DOUBT)
     return verify(hoped, config.verification).reason is None
-
-
-def _doubt(attempt: Candidate) -> float:
-    return np.inf if attempt.face is None else attempt.face.doubt
 
 
 def _contrast(patch: FacePatch, pose: LevelPose, candidate: Candidate, hidden: Spans = ()) -> float:
@@ -160,10 +156,6 @@ def _compare_yaws(candidate: Candidate, face: FaceEstimate) -> None:
     if apart > DOUBTED_APART:
         candidate.covariance = candidate.covariance * (1 + said.turn**2 / candidate.covariance[3, 3])
     return None
-
-
-def _agree(attempt: Candidate, pose: LevelPose | None) -> bool:
-    return attempt.pose is not None and pose is not None and same_pose(attempt.pose, pose)
 
 
 def _likelihood(attempt: Candidate) -> float:

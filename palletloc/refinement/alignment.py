@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -165,7 +166,8 @@ def fit_face(
         `Reason.FEW_EDGES` or `Reason.HIDDEN` where too little of the face is seen, `Reason.OUT_OF_VIEW` or
         `Reason.BEHIND_FACE` where it cannot be.
     """
-    pose, estimate = start, None
+    pose = start
+    rounds: list[_Round] = []
     for i in range(config.iterations):
         upright = max(config.reach, config.first_reach / 2**i)
         reach = EdgeReach(config.reach, upright, config.reach_px, CUT_SPACING_PX, faint=i > 0, settled=i > 0)
@@ -180,34 +182,66 @@ def fit_face(
         else:
             system.add_slopes(config.slope_error_px)
             system.add_turn(-turned, yaw_spread)
-        solution = system.solve()
-        estimate = _estimate(seen, pose, model, solution)
-        edges = visible_depth_edges(model, seen.plane_from_camera) if i > 0 else ()
-        if edges:
-            camera_from_face = mounting.camera_from_forklift @ pose.matrix() @ FACE_IN_PALLET
-            behind = look_behind(camera, image, camera_from_face, model, edges, system, solution, estimate.doubt)
-            if behind > 0:
-                solution = system.solve()
-                estimate = replace(_estimate(seen, pose, model, solution), behind=behind)
-        sigma = np.sqrt(solution.covariance.diagonal())
-        if float(sigma[:3].max()) > config.max_sigma:
+        found = _solved(camera, image, mounting, pose, model, system, i > 0)
+        if float(found.sigma[:3].max()) > config.max_sigma:
             return Reason.FEW_EDGES
-        pose = estimate.forklift_from_pallet
-        settled = upright <= config.reach and _settled(system, solution, sigma, config)
-        if settled or estimate.doubt > config.hopeless_doubt or any(same_pose(pose, one) for one in known):
+        rounds.append(found)
+        pose = found.estimate.forklift_from_pallet
+        if found.estimate.doubt > config.hopeless_doubt:
             break
-    if estimate is None:
-        return Reason.FEW_EDGES
-    said = level_yaw(estimate.seen, config.slope_error_px)
-    turn = float(solution.motion[3])
-    return estimate if said is None else replace(estimate, level_yaw=replace(said, turn=said.turn - turn))
+        arrived = any(same_pose(pose, one) for one in known) or _settled(system, found, config)
+        if arrived and upright <= config.reach:
+            break
+    else:  # it swings between poses: that of least doubt is the best guess
+        rounds[-2:] = sorted(rounds[-2:], key=lambda one: -one.estimate.doubt)
+    return _with_level_yaw(rounds[-1], config) if rounds else Reason.FEW_EDGES
 
 
-def _settled(system: FaceSystem, solution: FaceSolution, sigma: FloatArray, config: FaceFitConfig) -> bool:
+class _Round(NamedTuple):
+    """What one round of measuring gives."""
+
+    estimate: FaceEstimate
+    """The pose."""
+    motion: FloatArray
+    """(4,) how the face moved: right, up, depth and yaw."""
+    sigma: FloatArray
+    """(4,) standard deviations of the motion."""
+
+
+def _solved(
+    camera: CameraModel,
+    image: Image,
+    mounting: Mounting,
+    pose: LevelPose,
+    model: PalletModel,
+    system: FaceSystem,
+    behind: bool,
+) -> _Round:
+    """Solve a system, with the edges behind the face if asked for."""
+    solution = system.solve()
+    estimate = _estimate(system.seen, pose, model, solution)
+    edges = visible_depth_edges(model, system.seen.plane_from_camera) if behind else ()
+    if edges:
+        camera_from_face = mounting.camera_from_forklift @ pose.matrix() @ FACE_IN_PALLET
+        evidence = look_behind(camera, image, camera_from_face, model, edges, system, solution, estimate.doubt)
+        if evidence > 0:
+            solution = system.solve()
+            estimate = replace(_estimate(system.seen, pose, model, solution), behind=evidence)
+    return _Round(estimate, solution.motion, np.sqrt(solution.covariance.diagonal()))
+
+
+def _with_level_yaw(found: _Round, config: FaceFitConfig) -> FaceEstimate:
+    said = level_yaw(found.estimate.seen, config.slope_error_px)
+    if said is None:
+        return found.estimate
+    return replace(found.estimate, level_yaw=replace(said, turn=said.turn - float(found.motion[3])))
+
+
+def _settled(system: FaceSystem, found: _Round, config: FaceFitConfig) -> bool:
     """Tell whether another round would find the same edges at the same places."""
-    if np.abs(system.shifts(solution.motion)).max() > config.small_motion:
+    if np.abs(system.shifts(found.motion)).max() > config.small_motion:
         return False
-    return bool((np.abs(solution.motion) < np.maximum(config.small_motion, SMALL_PART * sigma)).all())
+    return bool((np.abs(found.motion) < np.maximum(config.small_motion, SMALL_PART * found.sigma)).all())
 
 
 def same_pose(one: LevelPose, other: LevelPose) -> bool:

@@ -277,20 +277,20 @@ def _polished(patch: FacePatch, model: PalletModel, best: FloatArray, grid: Hypo
     steps = [_step(axis) for axis in (grid.turns, grid.ranges, grid.places, grid.rises)]
     offsets = [np.array([-0.35, 0.0, 0.35]) * step if step else np.zeros(1) for step in steps]
     around = np.stack([part.ravel() for part in np.meshgrid(*offsets, indexing="ij")])
-    turn, distance, place, rise = (best[:, i, None] + around[i] for i in range(4))
+    places = best[:, :, None] + around
+    turn, distance, place, rise = np.moveaxis(places, 1, 0)
     tried = _Hypotheses(turn, distance, place, rise, grid.sliding)
     columns, rows = tried.appearing(patch, samples.level)
     score = _rest_scores(patch, model, tried)
+    found = []
     for i, one in enumerate(best):
         field = patch.along_level(_slope(patch, model, float(one[0])))
         score[i] += _looked_up(field, columns[i], rows[i]) @ samples.level_weight
-    found = []
-    for i in range(len(best)):
         # a plateau has no best place but a middle
         top = score[i] >= score[i].max() - 0.01
-        places = [np.mean(part[i, top], keepdims=True) for part in (turn, distance, place, rise)]
-        middle = _Hypotheses(places[0], places[1], places[2], places[3], grid.sliding)
-        found.append(Scored(middle.pose(patch), float(score[i].max())))
+        turn, distance, place, rise = places[i][:, top].mean(axis=1, keepdims=True)
+        pose = _Hypotheses(turn, distance, place, rise, grid.sliding).pose(patch)
+        found.append(Scored(pose, float(score[i].max())))
     return found
 
 

@@ -52,24 +52,22 @@ def hidden_spans(
     tuple of (left, right)
         In metres on the face, from left to right; empty where nothing is hidden.
     """
-    voters = [i for i, fit in enumerate(fits) if fit is not None and cuts.level[i]]
+    voters = [(i, fit) for i, fit in enumerate(fits) if fit is not None and cuts.level[i]]
     if len(voters) < VOTERS:
         return ()
     half = max(line.whole.end[0] for line in cuts.lines)
-    count, shown, lines = np.zeros(BINS), np.zeros(BINS), np.zeros(BINS, dtype=int)
-    for i in voters:
-        fit, seen = fits[i], peaks.strength[i] >= 0
-        if fit is None or not seen.any():
-            continue
-        along, strength = peaks.along[i, seen], peaks.strength[i, seen]
-        place = np.floor((along + cuts.lines[i].whole.middle[0] + half) / (2 * half) * BINS)
-        on_line = np.abs(peaks.offset[i, seen] - fit.offset - fit.slope * along) < tolerance[i]
-        on_line &= (strength > fit.strength / ALIKE) & (strength < fit.strength * ALIKE)
-        place = place.astype(int).clip(0, BINS - 1)
-        here = np.bincount(place, minlength=BINS)
-        count += here
-        shown += np.bincount(place, weights=on_line, minlength=BINS)
-        lines += here > 0
+    rows = [i for i, _ in voters]
+    along, strength = peaks.along[rows], peaks.strength[rows]
+    offset, slope, usual = np.array([(fit.offset, fit.slope, fit.strength) for _, fit in voters]).T[..., None]
+    on_line = np.abs(peaks.offset[rows] - offset - slope * along) < tolerance[rows, None]
+    on_line &= (strength > usual / ALIKE) & (strength < usual * ALIKE)
+    middle = np.array([cuts.lines[i].whole.middle[0] for i in rows])[:, None]
+    place = ((along + middle + half) * (BINS / (2 * half))).astype(np.intp).clip(0, BINS - 1)
+    place += BINS * np.arange(len(rows))[:, None]
+    cut = strength >= 0
+    here, there = (np.bincount(place[which], minlength=BINS * len(rows)) for which in (cut, cut & on_line))
+    count, shown = (votes.reshape(-1, BINS).sum(axis=0) for votes in (here, there))
+    lines = np.count_nonzero(here.reshape(-1, BINS), axis=0)
     # neighbours share their votes: something that hides a stretch is not narrower
     spread = np.ones(3)
     hidden = np.convolve(shown, spread, "same") < SUPPORT * np.convolve(count, spread, "same")

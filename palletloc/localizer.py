@@ -262,8 +262,9 @@ class Localizer:
         if math.dist(place, center) > RANGE_SLACK * self.config.detection.max_range:
             return Reason.OUT_OF_RANGE
         right, up = np.meshgrid(np.linspace(-0.5, 0.5, 9) * model.width, [0.0, model.height])
-        face = pose.transform().apply(np.stack([np.zeros(right.size), right.ravel(), up.ravel()], axis=1))
-        seen = self.projector.camera.project(self.mounting.forklift_from_camera.inv().apply(face))
+        camera_from_pallet = self.mounting.camera_from_forklift @ pose.matrix()
+        face = np.stack([right.ravel(), up.ravel()], axis=1) @ camera_from_pallet[:3, 1:3].T
+        seen = self.projector.camera.project(face + camera_from_pallet[:3, 3])
         return None if seen.valid.any() else Reason.OUT_OF_VIEW
 
     def _measure(self, shot: ShotView, candidate: Candidate, promise: float, before: Sequence[Candidate]) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from statistics import median
 from typing import NamedTuple
 
 import numpy as np
@@ -108,7 +109,8 @@ class FaceEstimate:
     @property
     def hidden(self) -> tuple[FaceEdge, ...]:
         """Edges that something stands before."""
-        return tuple(line for line in self.lines if is_hidden(line, self.seen.hidden))
+        spans = self.seen.hidden
+        return tuple(line for line in self.lines if is_hidden(line, spans)) if spans else ()
 
     @property
     def coverage(self) -> float:
@@ -294,7 +296,7 @@ def _coverage(seen: SeenFace, lines: Sequence[FaceEdge], weights: FloatArray) ->
     A line on the floor covers every level edge of a face and no upright one; what is found of those is far fainter.
     """
     level, upright = (
-        float(np.median([one.fit.strength for one in seen.edges if one.edge.horizontal is direction] or [0.0]))
+        median([one.fit.strength for one in seen.edges if one.edge.horizontal is direction] or [0.0])
         for direction in (True, False)
     )
     parts = []

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from statistics import median
 
 import numpy as np
 
@@ -135,9 +137,9 @@ def measure_face(
     pixel = np.where(cuts.level[:, None], [[up, right]], [[right, up]])
     across = pixel[:, 0]
     far = np.maximum(np.where(cuts.level, reach.level, reach.upright), reach.pixels * across)
+    gaps = [_gaps(model)[line.whole] for line in cuts.lines]
     if reach.settled:
-        halfway = np.array([0.5 * _gap(line.whole, model) for line in cuts.lines])
-        far = np.minimum(far, np.maximum(halfway, LEAST_REACH * across))
+        far = np.minimum(far, np.maximum(0.5 * np.array(gaps), LEAST_REACH * across))
     shifts = [edge_shift(line.whole, plane_from_camera, model) for line in cuts.lines]
     mean = np.array([shift.mean for shift in shifts])
     profiles = cut_profiles(camera, image, camera_from_face, cuts, mean, far, pixel)
@@ -150,10 +152,10 @@ def measure_face(
         fits = [_clearer(*both) for both in zip(fits, faint, strict=True)]
     belongs = np.maximum(BELONGS_PX * across, model.tolerance)
     hidden = hidden_spans(cuts, peaks, fits, belongs) if reach.settled else ()
-    usual = float(np.median([fit.strength for fit in fits if fit is not None] or [0.0]))
+    usual = median([fit.strength for fit in fits if fit is not None] or [0.0])
     edges = tuple(
-        MeasuredEdge(line.whole, fit, _sigma(line.whole, fit, model, size, FAINT * usual), shift, size)
-        for line, fit, shift, size in zip(cuts.lines, fits, shifts, across.tolist(), strict=True)
+        MeasuredEdge(line.whole, fit, _sigma(fit, gap, model.tolerance, size, FAINT * usual), shift, size)
+        for line, fit, gap, shift, size in zip(cuts.lines, fits, gaps, shifts, across.tolist(), strict=True)
         if fit is not None and not is_hidden(line.whole, hidden)
     )
     seen = SeenFace(plane_from_camera, edges, 0, hidden, sum(right - left for left, right in hidden) / model.width)
@@ -215,23 +217,20 @@ def _peaks(profiles: Profiles, gradient: Samples) -> EdgePeaks:
 
 
 @lru_cache(maxsize=64)
-def _gaps(model: PalletModel) -> dict[float, float]:
-    """Return the distance of each level line of the face from the next one, by their heights."""
-    ups = {line.whole.middle[1] for line in face_lines(model) if line.whole.horizontal}
-    return {up: min((abs(up - other) for other in ups if other != up), default=np.inf) for up in ups}
+def _gaps(model: PalletModel) -> dict[FaceEdge, float]:
+    """Return the distance of each line of the face from the next parallel one that it may be mistaken for."""
+    level = {line.whole: line.whole.middle[1] for line in face_lines(model) if line.whole.horizontal}
+    gaps = dict.fromkeys((line.whole for line in face_lines(model)), math.inf)
+    for edge, up in level.items():
+        gaps[edge] = min((abs(up - other) for other in level.values() if other != up), default=math.inf)
+    return gaps
 
 
-def _gap(edge: FaceEdge, model: PalletModel) -> float:
-    """Return the distance of an edge from the next parallel one that it may be mistaken for."""
-    return _gaps(model)[edge.middle[1]] if edge.horizontal else np.inf
-
-
-def _sigma(edge: FaceEdge, fit: EdgeFit, model: PalletModel, pixel: float, faint: float) -> float:
+def _sigma(fit: EdgeFit, gap: float, tolerance: float, pixel: float, faint: float) -> float:
     """Return what an edge's offset is uncertain by.
 
     Edges a few pixels apart draw each other's peaks, and one that is much fainter than the others may be another.
     """
-    gap = _gap(edge, model)
-    drawn = pixel * (PIXEL_ERROR + NEIGHBOUR_ERROR * float(np.exp(-gap / (NEIGHBOUR_PIXELS * pixel))))
+    drawn = pixel * (PIXEL_ERROR + NEIGHBOUR_ERROR * math.exp(-gap / (NEIGHBOUR_PIXELS * pixel)))
     other = FAINT_ERROR * max(0.0, 1 - fit.strength / faint) if faint > 0 else 0.0
-    return float(np.sqrt(fit.sigma_offset**2 + model.tolerance**2 + drawn**2 + other**2))
+    return math.hypot(fit.sigma_offset, tolerance, drawn, other)

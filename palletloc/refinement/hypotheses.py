@@ -149,19 +149,21 @@ def score_pose(patch: FacePatch, model: PalletModel, pose: LevelPose, hidden: Sp
     turn = wrap_angle(pose.yaw - patch.base.yaw)
     slope = _slope(patch, model, turn)
     parts = (
-        (samples.level, samples.level_weight, patch.along_level(slope)),
-        (samples.upright, samples.upright_weight, patch.along_upright()),
-        (samples.block, samples.block_weight, patch.any_direction()),
+        (samples.level_weight, patch.along_level(slope)),
+        (samples.upright_weight, patch.along_upright()),
+        (samples.block_weight, patch.any_direction()),
     )
-    total, edges = 0.0, 0.0
-    for points, weight, field in parts:
-        shown = np.ones(len(points), dtype=bool)
-        for left, right in hidden:
-            shown &= (points[:, 0] < left) | (points[:, 0] > right)
-        if shown.any():
-            at = patch.view.grid.pixels(patch.appearing(pose, points[shown]))
-            total += float(_looked_up(field, at[:, 0], at[:, 1]) @ weight[shown])
-            edges += float(weight[shown].clip(min=0.0).sum())
+    columns, rows = patch.view.grid.pixels(patch.appearing(pose, samples.points)).T
+    shown = np.ones(len(columns), dtype=bool)
+    for left, right in hidden:
+        shown &= (samples.points[:, 0] < left) | (samples.points[:, 0] > right)
+    total, edges, first = 0.0, 0.0, 0
+    for weight, field in parts:
+        here = slice(first, first + len(weight))
+        counted = weight * shown[here]
+        total += float(_looked_up(field, columns[here], rows[here]) @ counted)
+        edges += float(counted.clip(min=0.0).sum())
+        first += len(weight)
     return total / edges if edges > 0 else 0.0
 
 
@@ -178,16 +180,20 @@ class _Hypotheses(NamedTuple):
         """Return turn, range, place and rise of one of them."""
         return np.array([self.turn[row, 0], self.range[row, 0], self.place[0, column], self.rise[row, 0]])
 
-    def appearing(self, patch: FacePatch, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return columns and rows of face points in the patch; the points make a last axis."""
+    def appearing(self, patch: FacePatch, points: FloatArray) -> tuple[Energy, Energy]:
+        """Return columns and rows of face points in the patch; the points make a last axis.
+
+        Rows do not depend on the place and keep its axis short. Single precision is much finer than a pixel.
+        """
         x, y, z = patch.plane_from_camera
-        turn, farther = self.turn[..., None], self.range[..., None] - 1
-        nearer = z / (z + farther * z + points[:, 0] * np.sin(turn))
-        right = x + (points[:, 0] * np.cos(turn) + (self.place[..., None] - x * (farther + 1))) * nearer
-        lowered = y * (farther + 1) if self.sliding else y
-        up = y + (points[:, 1] + (self.rise[..., None] - lowered)) * nearer
-        grid = patch.view.grid
-        return (right - grid.left) / grid.resolution, (grid.top - up) / grid.resolution
+        grid, turn, distance = patch.view.grid, self.turn[..., None], self.range[..., None]
+        nearer = z / (z * distance + points[:, 0] * np.sin(turn))
+        nearer_px = nearer / grid.resolution
+        aside = (x - grid.left) / grid.resolution + (points[:, 0] * np.cos(turn) - x * distance) * nearer_px
+        lowered = y * distance if self.sliding else y
+        rows = (grid.top - y) / grid.resolution - (points[:, 1] + (self.rise[..., None] - lowered)) * nearer_px
+        place = self.place[..., None].astype(np.float32)
+        return aside.astype(np.float32) + place * nearer_px.astype(np.float32), rows.astype(np.float32)
 
     def pose(self, patch: FacePatch) -> LevelPose:
         """Return the pose of a single hypothesis."""
@@ -210,16 +216,15 @@ def _slope(patch: FacePatch, model: PalletModel, turn: float) -> float:
     return float((y - model.height / 2) * np.sin(turn) / (z * np.cos(turn) + x * np.sin(turn)))
 
 
-def _looked_up(field: Energy, columns: FloatArray, rows: FloatArray) -> Energy:
-    """Return a field's values at the nearest pixels, 0 outside."""
+def _looked_up(field: Energy, columns: Energy | FloatArray, rows: Energy | FloatArray) -> Energy:
+    """Return a field's values at the nearest pixels, 0 outside; columns and rows broadcast together."""
     height, width = field.shape
     column, row = (columns + 0.5).astype(np.int32), (rows + 0.5).astype(np.int32)
     # a negative index is a large one when seen without its sign
     inside = (column.view(np.uint32) < width) & (row.view(np.uint32) < height)
-    row *= np.int32(width)
-    row += column
-    row *= inside
-    values = field.ravel().take(row)
+    at = column + row * np.int32(width)
+    at *= inside
+    values = field.ravel().take(at)
     values *= inside
     return values
 
@@ -249,7 +254,6 @@ def _rest_scores(patch: FacePatch, model: PalletModel, tried: _Hypotheses) -> Fl
     ):
         if len(points):
             columns, rows = tried.appearing(patch, points)
-            columns, rows = np.broadcast_arrays(columns, rows)
             total += _looked_up(field, columns, rows) @ weight.astype(np.float32)
     return total.astype(np.float64)
 

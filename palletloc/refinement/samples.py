@@ -41,6 +41,8 @@ class FaceSamples:
     """(m,)."""
     block_weight: FloatArray
     """(k,) negative."""
+    points: FloatArray
+    """(n + m + k, 2) all of them, in this order."""
 
 
 @lru_cache(maxsize=64)
@@ -76,6 +78,7 @@ def face_samples(model: PalletModel) -> FaceSamples:
         level_weight / total,
         upright_weight / total,
         np.full(len(block), -BLOCK_WEIGHT / max(len(block), 1)),
+        np.concatenate([level, upright, block]),
     )
     for array in arrays:
         array.flags.writeable = False

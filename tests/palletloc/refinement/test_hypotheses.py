@@ -116,7 +116,8 @@ def test_a_single_hypothesis_is_scored_as_its_pose_is(right: float, portrait: Po
     found = score_hypotheses(patch, t11, SINGLE, EVERY)
     (peak,) = found.peaks[:1]
     np.testing.assert_allclose(peak.pose.as_array(), base.as_array(), atol=1e-9)
-    assert peak.score == pytest.approx(score_pose(patch, t11, base), abs=1e-3)
+    # a point half-way between two pixels may be read from either
+    assert peak.score == pytest.approx(score_pose(patch, t11, base), abs=3e-3)
 
 
 @NAMES

@@ -74,8 +74,7 @@ def keep_best(
         known = [one.pose for one in attempts if one.pose is not None]
         _fit(shot, attempt, prepare(attempt, start), patch, known, config)
         attempts.append(attempt)
-        doubt = np.inf if attempt.face is None else attempt.face.doubt
-        certain = not weak and doubt < config.face_fit.max_doubt
+        certain = not weak and _is_certain(attempt, config)
         agreed = attempt.pose is not None and any(same_pose(attempt.pose, one) for one in known)
         if certain or agreed or len(attempts) == MOST_ATTEMPTS:
             break
@@ -103,6 +102,14 @@ def _may_be_pallet(patch: FacePatch, start: LevelPose, candidate: Candidate, con
         return False
     hoped = Signs(contrast, 1.0, score_pose(patch, candidate.model, start), GLANCE_DOUBT)
     return verify(hoped, config.verification).reason is None
+
+
+def _is_certain(attempt: Candidate, config: LocalizerConfig) -> bool:
+    """Tell whether a fit leaves no doubt that another start may lead to a better one."""
+    if attempt.face is None:
+        return False
+    beyond_doubt = attempt.refusal is None and attempt.rank >= config.verification.certain
+    return beyond_doubt or attempt.face.doubt < config.face_fit.max_doubt
 
 
 def _contrast(patch: FacePatch, pose: LevelPose, candidate: Candidate, hidden: Spans = ()) -> float:

@@ -70,7 +70,7 @@ class FaceFitConfig:
     max_sigma: float = 0.5
     """Largest standard deviation of a position that is worth reporting, in metres."""
     small_motion: float = 0.003
-    """Below which motion of its edges, in metres, the face is not measured again."""
+    """Below which motion, in metres and radians, the face is not measured again; of its edges' images in any case."""
     slope_error_px: float = 0.15
     """How far each end of a level edge may lie off where its slope gives the yaw, in pixels of the camera's image."""
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palletloc.face import FaceLine, face_lines
+from palletloc.face import FaceEdge, FaceLine, face_lines
 from palletloc.geometry import BoolArray, FloatArray
 from palletloc.pallet import PalletModel
 
@@ -98,31 +98,32 @@ def cuts_across(lines: Sequence[FaceLine], level_spacing: float, upright_spacing
     FaceCuts
         In the order of the lines.
     """
-    names = ("line", "inner", "slot", "points", "along", "end", "least")
-    parts: dict[str, list[NDArray[Any]]] = {name: [] for name in names}
-    most, total, apart = 0, 0, []
-    for number, line in enumerate(lines):
-        spacing = level_spacing if line.whole.horizontal else upright_spacing
-        middle, first = np.array(line.whole.middle), 0
-        direction = np.array([1.0, 0.0]) if line.whole.horizontal else np.array([0.0, 1.0])
-        for edge in line.edges:
-            count = int(np.clip(round(edge.length / spacing), FEWEST_CUTS, MOST_CUTS))
-            place = (np.arange(-PADS, count + PADS) + 0.5) / count
-            at = np.clip(place, 0.5 / count, 1 - 0.5 / count)
-            points = np.array(edge.start) + (at * edge.length)[:, None] * direction
-            parts["line"].append(np.full(len(at), number))
-            parts["inner"].append(total + PADS + np.arange(count))
-            parts["slot"].append(first + np.arange(count))
-            parts["points"].append(points)
-            parts["along"].append((points - middle) @ direction)
-            parts["end"].append(np.minimum(place, 1 - place) * edge.length)
-            parts["least"].append(np.full(len(at), edge.length / 4))
-            first, total = first + count, total + len(at)
-        most = max(most, first)
-        apart.append(sum(edge.length for edge in line.edges) / first)
-    joined = {name: np.concatenate(arrays) for name, arrays in parts.items()}
-    outward = np.array([line.whole.outward for line in lines])
-    level = np.array([line.whole.horizontal for line in lines])
+    edges = [edge for line in lines for edge in line.edges]
+    numbers = np.repeat(np.arange(len(lines)), [len(line.edges) for line in lines])
+    counts = np.array([_count(edge, level_spacing, upright_spacing) for edge in edges])
+    lengths, starts = np.array([edge.length for edge in edges]), np.array([edge.start for edge in edges])
+    # for each cut: its stretch, and which one of it, negative for the first pads
+    stretch = np.repeat(np.arange(len(edges)), counts + 2 * PADS)
+    everyone = np.arange(len(stretch))
+    which = everyone - (np.cumsum(counts + 2 * PADS) - counts - PADS)[stretch]
+    line, count, length = numbers[stretch], counts[stretch], lengths[stretch]
+    place = (which + 0.5) / count
+    outward = np.array([one.whole.outward for one in lines])
+    level = np.array([one.whole.horizontal for one in lines])
+    along = everyone, np.where(level[line], 0, 1)
+    points = starts[stretch]
+    points[along] += np.clip(place, 0.5 / count, 1 - 0.5 / count) * length
+    inner = np.flatnonzero((which >= 0) & (which < count))
+    totals = np.bincount(line[inner], minlength=len(lines))
+    joined = {
+        "line": line,
+        "inner": inner,
+        "slot": np.arange(len(inner)) - (np.cumsum(totals) - totals)[line[inner]],
+        "points": points,
+        "along": (points - np.array([one.whole.middle for one in lines])[line])[along],
+        "end": np.minimum(place, 1 - place) * length,
+        "least": length / 4,
+    }
     for array in (*joined.values(), outward, level):
         array.flags.writeable = False
     return FaceCuts(
@@ -135,8 +136,14 @@ def cuts_across(lines: Sequence[FaceLine], level_spacing: float, upright_spacing
         joined["along"],
         joined["end"],
         joined["least"],
-        most,
+        int(totals.max()),
         level,
-        int(np.count_nonzero(level[joined["line"]])),
-        np.array(apart),
+        int(np.count_nonzero(level[line])),
+        np.bincount(numbers, weights=lengths) / totals,
     )
+
+
+def _count(edge: FaceEdge, level_spacing: float, upright_spacing: float) -> int:
+    """Return how many cuts cross a stretch, without the pads."""
+    count = round(edge.length / (level_spacing if edge.horizontal else upright_spacing))
+    return min(max(count, FEWEST_CUTS), MOST_CUTS)

@@ -195,12 +195,15 @@ def find_depth_peaks(
 def _peaks(profiles: Profiles, outward: Sequence[float]) -> list[tuple[FloatArray, FloatArray]]:
     """Return the places and shares of the local maxima of each edge's mean gradient, above its median."""
     gradient, cuts = profiles.gradient(SMOOTHING_PX)[profiles.cuts.inner], profiles.cuts
+    firsts = np.flatnonzero(np.diff(cuts.line[cuts.inner], prepend=-1))
+    counts = np.diff(firsts, append=len(gradient))[:, None]
+    mean = np.add.reduceat(gradient.astype(np.float64), firsts, axis=0) / counts
+    above = mean - np.median(mean, axis=1, keepdims=True)
+    peaked = (mean[:, 1:-1] > mean[:, :-2]) & (mean[:, 1:-1] >= mean[:, 2:]) & (above[:, 1:-1] > 0)
     found = []
     for line, sign in enumerate(outward):
-        mean = gradient[cuts.line[cuts.inner] == line].mean(axis=0).astype(np.float64)
-        peak = 1 + np.flatnonzero((mean[1:-1] > mean[:-2]) & (mean[1:-1] >= mean[2:]))
-        peak = peak[mean[peak] > np.median(mean)]
-        strength = mean[peak] - np.median(mean)
+        peak = 1 + np.flatnonzero(peaked[line])
+        strength = above[line, peak]
         found.append((sign * profiles.offsets[peak] * profiles.reach[line], strength / max(strength.sum(), 1e-9)))
     return found
 

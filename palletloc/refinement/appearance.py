@@ -13,7 +13,7 @@ from palletloc.refinement.occlusion import Spans, hidden_part
 from palletloc.refinement.patch import FacePatch
 
 POINTS = (9, 5)
-"""Points in each block and each opening, along and up."""
+"""Points in each block and each opening, along and up: odd in all, for one of them to be the middle one."""
 MARGIN = 0.15
 """Part of a block's or an opening's size that is left out on each side."""
 SHOWN = 0.3
@@ -52,8 +52,8 @@ def opening_contrasts(patch: FacePatch, model: PalletModel, pose: LevelPose, hid
         return np.full(len(model.openings), np.nan)
     seen = patch.smooth[row, column].reshape(*points.shape[:2], -1).astype(np.float64)
     count = len(model.blocks)
-    mean = seen[:count].mean(axis=1)
-    within = seen[:count].var(axis=1).sum(axis=1)
+    mean = np.einsum("bnc->bc", seen[:count]) / seen.shape[1]
+    within = _squares(seen[:count] - mean[:, None]).mean(axis=1)
     shown = np.array([hidden_part(left, right, hidden) < SHOWN for left, right in model.blocks])
     # where one block is hidden the other has to do, where both are it makes no difference
     left, right = (np.where(shown[:-1] | shown[1:], part, True) for part in (shown[:-1], shown[1:]))
@@ -61,8 +61,13 @@ def opening_contrasts(patch: FacePatch, model: PalletModel, pose: LevelPose, hid
     center = parts[0, :, None] * mean[:-1] + parts[1, :, None] * mean[1:]
     between = parts[0] * parts[1] * ((mean[:-1] - mean[1:]) ** 2).sum(axis=1)
     spread = np.sqrt(parts[0] * within[:-1] + parts[1] * within[1:] + between + NOISE**2)
-    away = np.sqrt(np.median(((seen[count:] - center[:, None]) ** 2).sum(axis=2), axis=1))
-    return np.asarray(away / spread)
+    away = np.sort(_squares(seen[count:] - center[:, None]), axis=1)[:, seen.shape[1] // 2]
+    return np.asarray(np.sqrt(away) / spread)
+
+
+def _squares(colours: FloatArray) -> FloatArray:
+    """Return the squared sizes of colour differences, the last axis."""
+    return np.asarray(np.einsum("bnc,bnc->bn", colours, colours))
 
 
 @lru_cache(maxsize=64)

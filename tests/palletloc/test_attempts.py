@@ -21,7 +21,11 @@ FLOOR = HeightPrior(0.0, 0.003)
 CONFIG = LocalizerConfig()
 CERTAIN = replace(CONFIG, face_fit=replace(CONFIG.face_fit, max_doubt=4.0))
 """The first fit of a pallet leaves no doubt."""
-NEVER_CERTAIN = replace(CONFIG, face_fit=replace(CONFIG.face_fit, max_doubt=-0.5))
+NEVER_CERTAIN = replace(
+    CONFIG,
+    face_fit=replace(CONFIG.face_fit, max_doubt=-0.5),
+    verification=replace(CONFIG.verification, certain=2.0),
+)
 """Every start is tried."""
 LEFT, RIGHT = LevelPose(0.2, 2.0, 0.0, np.pi / 2 + 0.02), LevelPose(1.7, 2.02, 0.0, np.pi / 2 - 0.015)
 CENTER = (0.9, -0.4, 1.6)
@@ -110,6 +114,22 @@ def test_the_first_that_leaves_no_doubt_ends_the_search(pair: ShotView, t11: Pal
         keep_best(pair, candidate, with_views(pair, [LEFT, RIGHT]), prepare, weak, CERTAIN)
         assert candidate.face is not None
         assert candidate.face.doubt < 4.0
+        assert tried == ([LEFT, RIGHT] if weak else [LEFT])
+
+
+def test_a_pallet_beyond_doubt_ends_the_search_where_its_yaw_is_known(pair: ShotView, t11: PalletModel) -> None:
+    tried: list[LevelPose] = []
+
+    def prepare(_: Candidate, start: LevelPose) -> LevelPose:
+        tried.append(start)
+        return start
+
+    doubting = replace(CONFIG, face_fit=replace(CONFIG.face_fit, max_doubt=-0.5))
+    for weak in (False, True):
+        tried.clear()
+        candidate = Candidate(t11, LEFT, FLOOR)
+        keep_best(pair, candidate, with_views(pair, [LEFT, RIGHT]), prepare, weak, doubting)
+        assert candidate.rank >= CONFIG.verification.certain
         assert tried == ([LEFT, RIGHT] if weak else [LEFT])
 
 

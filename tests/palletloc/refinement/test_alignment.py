@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +11,9 @@ from palletloc.candidate import ShotView
 from palletloc.geometry import LevelPose
 from palletloc.measurement import HeightPrior, Reason
 from palletloc.pallet import PalletModel
-from palletloc.refinement.alignment import FaceEstimate, FaceFitConfig, YawPrior, fit_face
+from palletloc.refinement import alignment
+from palletloc.refinement.alignment import FaceEstimate, FaceFitConfig, YawPrior, fit_face, same_pose
+from palletloc.refinement.edges import SeenFace, measure_face
 
 POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
 FLOOR = HeightPrior(0.0, 0.003)
@@ -63,6 +66,30 @@ def test_the_pose_is_found_as_well_as_its_covariance_says(
     assert abs(wrong[3]) < np.radians(1.0)
     assert 0.5 < found.coverage <= 1.0
     assert found.doubt < 3.0
+
+
+def test_a_fit_ends_where_another_start_has_led(
+    portrait: Portrait, t11: PalletModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shot, measured = portrait(t11, POSE), []
+
+    def counted(*given: Any) -> SeenFace | None:
+        measured.append(given)
+        return measure_face(*given)
+
+    monkeypatch.setattr(alignment, "measure_face", counted)
+    restless = FaceFitConfig(small_motion=0.0)
+    there = estimate(shot, t11).forklift_from_pallet
+    rounds = []
+    for known in ([], [moved(there, 0.5, 0.0)], [there]):
+        measured.clear()
+        camera, start = shot.projector.camera, moved(POSE, 0.004, -0.012)
+        found = fit_face(camera, shot.image, shot.mounting, start, t11, FLOOR, TRUE_YAW, 0.1, restless, known)
+        assert isinstance(found, FaceEstimate)
+        assert same_pose(found.forklift_from_pallet, there)
+        rounds.append(len(measured))
+    assert rounds[0] == rounds[1] == restless.iterations
+    assert rounds[2] < restless.iterations
 
 
 @pytest.mark.parametrize(("right", "depth"), [(0.006, 0.0), (-0.006, 0.0), (0.0, 0.012), (0.004, -0.012)])

@@ -10,23 +10,22 @@ import numpy as np
 from palletloc.candidate import Candidate, ShotView
 from palletloc.config import LocalizerConfig
 from palletloc.geometry import LevelPose, wrap_angle
-from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
-from palletloc.refinement.alignment import FaceEstimate, YawPrior, fit_face
+from palletloc.level_check import WRONG_LEVEL, check_level
+from palletloc.measurement import HeightPrior, Reason, Stage
+from palletloc.refinement.alignment import FaceEstimate, fit_face
 from palletloc.refinement.appearance import SHOWN, opening_contrasts
 from palletloc.refinement.hypotheses import score_pose
 from palletloc.refinement.occlusion import Spans, hidden_part
 from palletloc.refinement.patch import FacePatch
-from palletloc.verification import Signs, of_use, verify
+from palletloc.verification import NATS_PER_EDGE, WEAK_DOUBT, Signs, of_use, verify
 
 MOST_ATTEMPTS = 3
 """How many starts are tried where only the face gives yaw or distance."""
-WEAK_DOUBT = 0.5
-"""Doubt from which on a covariance grows where only the face gives yaw or distance."""
 DOUBTED_APART, REFUSED_APART, REFUSED_APART_DEG = 2.5, 4.0, 1.0
 """How far the yaw of the level lines may be off: in their standard deviations until the pose becomes less certain,
 and in those and in degrees until it is refused."""
-NATS_PER_EDGE = 2.0
-"""How much less likely, as a logarithm, each missing or contradicting edge makes a pose."""
+LEVEL_DOUBT = 1.0
+"""Doubt from which on the level is asked whether the face agrees: a wrong one leaves about an edge or more aside."""
 GLANCE_CONTRAST = 0.9
 """Contrast of openings and blocks below which a start shows no pallet, in spreads of the blocks."""
 
@@ -84,6 +83,8 @@ def keep_best(
         _widen(best, growth, attempts)
     for name in ("horizontal", "yaw", "yaw_from", "face", "pose", "covariance", "verification", "refusal"):
         setattr(candidate, name, getattr(best, name))
+    if candidate.refusal is None:
+        _doubt_level(shot, candidate, config)
     uncertain = candidate.covariance is None or not of_use(candidate.covariance, config.verification)
     if candidate.refusal is None and uncertain:
         candidate.refuse(Stage.VERIFICATION, Reason.UNCERTAIN)
@@ -99,10 +100,9 @@ def _contrast(patch: FacePatch, pose: LevelPose, candidate: Candidate, hidden: S
 def _fit(shot: ShotView, candidate: Candidate, pose: LevelPose, patch: FacePatch, config: LocalizerConfig) -> None:
     model = candidate.model
     height = candidate.height or HeightPrior(candidate.start.z, config.prior.free_sigma)
-    yaw = None
     if candidate.yaw is not None:
         candidate.yaw_from = candidate.yaw.source
-        yaw = YawPrior(candidate.yaw.sigma, model.height if candidate.yaw.source is YawSource.TOP else 0.0)
+    yaw = candidate.yaw_prior
     spread = float(np.radians(config.prior.yaw_sigma_deg))
     face = fit_face(
         shot.projector.camera, shot.image, shot.mounting, pose, model, height, yaw, spread, config.face_fit
@@ -133,6 +133,19 @@ def _compare_yaws(candidate: Candidate, face: FaceEstimate) -> None:
         return candidate.refuse(Stage.VERIFICATION, Reason.YAW_DISAGREES)
     if apart > DOUBTED_APART:
         candidate.covariance = candidate.covariance * (1 + said.turn**2 / candidate.covariance[3, 3])
+    return None
+
+
+def _doubt_level(shot: ShotView, candidate: Candidate, config: LocalizerConfig) -> None:
+    """Refuse a pose whose level the face contradicts, or make it less certain."""
+    if candidate.face is None or candidate.covariance is None or candidate.face.doubt < LEVEL_DOUBT:
+        return None
+    check = check_level(shot, candidate, config)
+    if check is None or check.wrong < WRONG_LEVEL:
+        return None  # the face speaks rather for its level than against it
+    if check.contradicts:
+        return candidate.refuse(Stage.VERIFICATION, Reason.OFF_LEVEL)
+    candidate.covariance = candidate.covariance + check.wrong * np.outer(check.apart, check.apart)
     return None
 
 

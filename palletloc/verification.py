@@ -29,6 +29,10 @@ NO_CONTRAST = 3.0
 """Evidence per factor e of a contrast below the usual one: few pallets have openings like their blocks."""
 HIDDEN = -10.0
 """Evidence of a face that is wholly hidden: what seems to be hidden may as well not be there."""
+WEAK_DOUBT = 0.5
+"""Doubt from which on a covariance grows where only the face gives yaw or distance."""
+NATS_PER_EDGE = 2.0
+"""How much less likely, as a logarithm, each missing or contradicting edge makes a pose."""
 CLEAR_CONTRAST = 4.0
 """Contrast from which on more says nothing more."""
 

@@ -17,7 +17,7 @@ from palletloc.refinement.appearance import SHOWN, opening_contrasts
 from palletloc.refinement.hypotheses import score_pose
 from palletloc.refinement.occlusion import Spans, hidden_part
 from palletloc.refinement.patch import FacePatch
-from palletloc.verification import NATS_PER_EDGE, WEAK_DOUBT, Signs, of_use, verify
+from palletloc.verification import WEAK_DOUBT, Signs, of_use, verify
 
 MOST_ATTEMPTS = 3
 """How many starts are tried where only the face gives yaw or distance."""
@@ -76,7 +76,7 @@ def keep_best(
             break
     if not attempts:
         return candidate.refuse(Stage.VERIFICATION, Reason.LOW_CONTRAST)
-    best = max(attempts, key=_likelihood)
+    best = max(attempts, key=lambda one: one.likelihood)
     if best.face is not None:
         doubt = best.face.doubt
         growth = max(doubt - (WEAK_DOUBT if weak else config.face_fit.max_doubt), 0.0) ** 2
@@ -156,25 +156,12 @@ def _agree(one: Candidate, other: Candidate) -> bool:
     return bool(apart[:3].max() < 0.01 and abs(wrap_angle(float(apart[3]))) < np.radians(0.3))
 
 
-def _likelihood(attempt: Candidate) -> float:
-    """Return the logarithm of how well a fit explains the image, to be compared with other fits of the candidate.
-
-    Parameters
-    ----------
-    attempt : Candidate
-        After its fit; minus infinity where that failed.
-    """
-    if attempt.face is None or attempt.verification is None:
-        return -np.inf
-    return attempt.verification.evidence - NATS_PER_EDGE * attempt.face.doubt
-
-
 def _widen(best: Candidate, growth: float, attempts: Sequence[Candidate]) -> None:
     """Widen the covariance by what the edges leave in doubt, and by rivals as far as they are likely."""
     if best.pose is None or best.covariance is None:
         return
     rivals = [one for one in attempts if one.pose is not None]
-    weight = np.exp([_likelihood(rival) - _likelihood(best) for rival in rivals])
+    weight = np.exp([rival.likelihood - best.likelihood for rival in rivals])
     apart = np.array([rival.pose.as_array() - best.pose.as_array() for rival in rivals if rival.pose])
     apart[:, 3] = wrap_angle(apart[:, 3])
     best.covariance = best.covariance * (1 + growth) + (weight[:, None] * apart).T @ apart / weight.sum()

@@ -9,7 +9,7 @@ from scipy.spatial.transform import RigidTransform
 
 from palletloc.candidate import Candidate, ShotView
 from palletloc.geometry import FloatArray, Image, LevelPose, wrap_angle
-from palletloc.localizer import Localizer, exclude_overlaps, measurement_of
+from palletloc.localizer import Localizer, measurement_of
 from palletloc.measurement import PalletMeasurement, Reason, Stage
 from palletloc.pallet import PalletModel
 from palletloc.shelf import ShelfPlane
@@ -196,27 +196,6 @@ def test_a_localizer_needs_a_pallet_and_images_of_its_camera(floor_localizer: Ma
         floor_localizer().localize(floor_shot.image[:, :-2], 0.0, SHELF)
 
 
-def candidate(model: PalletModel, x: float, score: float) -> Candidate:
-    pose = LevelPose(x, 2.0, 0.0, np.pi / 2)
-    return Candidate(model, pose, None, score, pose=pose, covariance=np.eye(4))
-
-
-def test_of_two_pallets_in_one_place_the_better_stays(epal: PalletModel, t11: PalletModel) -> None:
-    weak, strong, aside = candidate(epal, 0.0, 0.5), candidate(t11, 0.3, 0.8), candidate(epal, 1.6, 0.4)
-    refused = candidate(epal, 0.0, 0.99)
-    refused.refuse(Stage.VERIFICATION, Reason.FEW_EDGES)
-    exclude_overlaps([weak, refused, strong, aside])
-    assert weak.refusal == (Stage.VERIFICATION, Reason.OVERLAP)
-    assert (strong.refusal, aside.refusal) == (None, None)
-    assert refused.refusal == (Stage.VERIFICATION, Reason.FEW_EDGES)
-
-
-def test_what_was_excluded_excludes_nothing(epal: PalletModel) -> None:
-    chain = [candidate(epal, 0.8 * i, 0.9 - 0.1 * i) for i in range(3)]
-    exclude_overlaps(chain)
-    assert [one.refusal is None for one in chain] == [True, False, True]
-
-
 def test_no_two_rows_of_a_shot_overlap(floor_localizer: Makes, floor_shot: ShotView, t11: PalletModel) -> None:
     alike = replace(t11, name="t11-too", width=1.12)
     models = (*floor_localizer().models.values(), alike)
@@ -231,7 +210,8 @@ def test_no_two_rows_of_a_shot_overlap(floor_localizer: Makes, floor_shot: ShotV
 
 
 def test_a_given_up_candidate_measures_nothing(epal: PalletModel) -> None:
-    one = candidate(epal, 0.0, 0.5)
+    pose = LevelPose(0.0, 2.0, 0.0, np.pi / 2)
+    one = Candidate(epal, pose, None, 0.5, pose=pose, covariance=np.eye(4))
     assert measurement_of(one, 1.0, "d.jpg") is not None
     one.refuse(Stage.YAW, Reason.NO_LINE)
     assert measurement_of(one, 1.0, "d.jpg") is None

@@ -10,7 +10,7 @@ import numpy as np
 from palletloc.candidate import Candidate, ShotView
 from palletloc.config import LocalizerConfig
 from palletloc.geometry import LevelPose, wrap_angle
-from palletloc.level_check import WRONG_LEVEL, check_level
+from palletloc.level_check import WRONG_LEVEL, check_level, range_doubt
 from palletloc.measurement import HeightPrior, Reason, Stage
 from palletloc.refinement.alignment import FaceEstimate, fit_face
 from palletloc.refinement.appearance import SHOWN, opening_contrasts
@@ -84,7 +84,7 @@ def keep_best(
     for name in ("horizontal", "yaw", "yaw_from", "face", "pose", "covariance", "verification", "refusal"):
         setattr(candidate, name, getattr(best, name))
     if candidate.refusal is None:
-        _doubt_level(shot, candidate, config)
+        _doubt_height(shot, candidate, config)
     uncertain = candidate.covariance is None or not of_use(candidate.covariance, config.verification)
     if candidate.refusal is None and uncertain:
         candidate.refuse(Stage.VERIFICATION, Reason.UNCERTAIN)
@@ -136,11 +136,14 @@ def _compare_yaws(candidate: Candidate, face: FaceEstimate) -> None:
     return None
 
 
-def _doubt_level(shot: ShotView, candidate: Candidate, config: LocalizerConfig) -> None:
+def _doubt_height(shot: ShotView, candidate: Candidate, config: LocalizerConfig) -> None:
     """Refuse a pose whose level the face contradicts, or make it less certain."""
-    if candidate.face is None or candidate.covariance is None or candidate.face.doubt < LEVEL_DOUBT:
+    if candidate.face is None or candidate.covariance is None:
         return None
-    check = check_level(shot, candidate, config)
+    if candidate.height is None:
+        candidate.covariance = candidate.covariance + range_doubt(shot, candidate, config)
+        return None
+    check = None if candidate.face.doubt < LEVEL_DOUBT else check_level(shot, candidate, config)
     if check is None or check.wrong < WRONG_LEVEL:
         return None  # the face speaks rather for its level than against it
     if check.contradicts:

@@ -74,23 +74,38 @@ def challenge(
     if candidate.height is not None or candidate.face is None:
         return
     for model in others:
-        if candidate.refusal is not None or candidate.pose is None or candidate.covariance is None:
+        if candidate.refusal is not None or candidate.pose is None:
             return
         rival = Candidate(model, _seen_as(model, candidate, candidate.pose, shot.mounting), None)
         measure(shot, rival, config)
-        if rival.pose is None or not np.isfinite(rival.likelihood):
-            continue
-        apart = rival.pose.as_array() - candidate.pose.as_array()
-        apart[3] = wrap_angle(apart[3])
-        gain = rival.likelihood - candidate.likelihood
-        if gain < -NATS_PER_EDGE:
-            continue  # an edge more speaks for the candidate
-        if gain > 0 and apart @ np.linalg.solve(candidate.covariance, apart) > FAR_APART**2:
-            candidate.refuse(Stage.VERIFICATION, Reason.OVERLAP)
-            continue
-        candidate.covariance = candidate.covariance + np.outer(apart, apart) / (1 + np.exp(-gain))
-        if not of_use(candidate.covariance, config.verification):
-            candidate.refuse(Stage.VERIFICATION, Reason.UNCERTAIN)
+        compete(candidate, rival, config)
+
+
+def compete(candidate: Candidate, rival: Candidate, config: LocalizerConfig) -> None:
+    """Compare a candidate with a rival in the same place of the image, of which only one can be right.
+
+    Parameters
+    ----------
+    candidate : Candidate
+        With a pose; is refused where the rival explains the image better at another pose, and becomes less certain as
+        far as the rival is likely.
+    rival : Candidate
+        Measured in the same shot.
+    config : LocalizerConfig
+        Parameters.
+    """
+    gain = rival.likelihood - candidate.likelihood
+    # where an edge more speaks for the candidate there is no rival
+    if rival.pose is None or candidate.pose is None or candidate.covariance is None or gain < -NATS_PER_EDGE:
+        return
+    apart = rival.pose.as_array() - candidate.pose.as_array()
+    apart[3] = wrap_angle(apart[3])
+    if gain > 0 and apart @ np.linalg.solve(candidate.covariance, apart) > FAR_APART**2:
+        candidate.refuse(Stage.VERIFICATION, Reason.OVERLAP)
+        return
+    candidate.covariance = candidate.covariance + np.outer(apart, apart) / (1 + np.exp(-gain))
+    if not of_use(candidate.covariance, config.verification):
+        candidate.refuse(Stage.VERIFICATION, Reason.UNCERTAIN)
 
 
 def _seen_as(model: PalletModel, candidate: Candidate, pose: LevelPose, mounting: Mounting) -> LevelPose:

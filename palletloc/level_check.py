@@ -1,7 +1,8 @@
 """Does a face agree with the level that it is said to stand on? Its size tells the range, and so the height.
 
 A pose on a wrong level slides along its viewing ray until the level lines fit; the uprights then stand too far apart
-or too close. The same face fitted at any height is the rival of the pose on the level.
+or too close. The same face fitted at any height is the rival of the pose on the level. Where no level is known, the
+size is all there is: missing uprights then leave the range open.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import numpy as np
 
 from palletloc.candidate import Candidate, ShotView
 from palletloc.config import LocalizerConfig
+from palletloc.face_view import visible_lines
 from palletloc.geometry import FloatArray, wrap_angle
 from palletloc.measurement import HeightPrior, Reason
 from palletloc.refinement.alignment import fit_face
@@ -22,6 +24,9 @@ WRONG_LEVEL = 0.01
 
 CLEARLY_OFF = 3.0
 """From how many standard deviations on a face contradicts its level: fewer are no matter of height."""
+
+MISSED = 1.0
+"""How many uprights a right pose misses at most, as a rule."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,3 +89,37 @@ def check_level(shot: ShotView, candidate: Candidate, config: LocalizerConfig) -
     chance = np.log(WRONG_LEVEL / (1 - WRONG_LEVEL) * np.sqrt(variance) / config.prior.free_sigma)
     odds = chance + 0.5 * off**2 + NATS_PER_EDGE * (face.doubt - free.doubt)
     return LevelCheck(apart, float(off), float(1 / (1 + np.exp(-odds))))
+
+
+def range_doubt(shot: ShotView, candidate: Candidate, config: LocalizerConfig) -> FloatArray:
+    """Return what missing uprights leave in doubt of a pose whose height is unknown.
+
+    An upright that is not where the pose says is farther aside than it was looked for: the face may be larger or
+    smaller than its model by that over its half width, and nearer or farther away by the same part of its range.
+
+    Parameters
+    ----------
+    shot : ShotView
+        The shot.
+    candidate : Candidate
+        With the fit of its face.
+    config : LocalizerConfig
+        Parameters.
+
+    Returns
+    -------
+    (4, 4) array
+        To be added to the covariance; zero where hardly an upright is missing.
+    """
+    face, pose, added = candidate.face, candidate.pose, np.zeros((4, 4))
+    if face is None or pose is None:
+        return added
+    visible = visible_lines(candidate.model, face.seen.plane_from_camera)
+    expected = sum(not line.whole.horizontal for line in visible) - sum(not line.horizontal for line in face.hidden)
+    pairs = zip(face.seen.edges, face.weights, strict=True)
+    found = sum(float(weight) for one, weight in pairs if not one.edge.horizontal)
+    missing = max(expected - found - MISSED, 0.0)
+    ray = np.array([pose.x, pose.y, pose.z]) - shot.mounting.center
+    ray *= missing * config.face_fit.reach / (candidate.model.width / 2)
+    added[:3, :3] = np.outer(ray, ray)
+    return added

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from palletloc.attempts import keep_best
 from palletloc.candidate import Candidate, ShotView
 from palletloc.config import LocalizerConfig
 from palletloc.geometry import LevelPose
-from palletloc.level_check import LevelCheck, check_level
+from palletloc.level_check import LevelCheck, check_level, range_doubt
 from palletloc.measurement import HeightPrior, Reason
 from palletloc.pallet import PalletModel
 from palletloc.refinement.alignment import fit_face
@@ -91,3 +92,37 @@ def test_a_contradicted_level_is_the_reason(off: float, portrait: Portrait, epal
     keep_best(shot, candidate, [(start, patch)], lambda _, pose: pose, False, CONFIG)
     assert candidate.refusal is not None
     assert candidate.refusal[1] in (Reason.OFF_LEVEL, Reason.FEW_EDGES)
+
+
+def without_uprights(candidate: Candidate, missing: int) -> Candidate:
+    """Return a candidate whose fit took so many uprights for those of something else."""
+    face = candidate.face
+    assert face is not None
+    uprights = [i for i, one in enumerate(face.seen.edges) if not one.edge.horizontal]
+    weights = np.ones(len(face.seen.edges))
+    weights[uprights[:missing]] = 0.0
+    return replace(candidate, face=replace(face, weights=weights))
+
+
+def test_missing_uprights_leave_the_range_in_doubt(portrait: Portrait, t11: PalletModel) -> None:
+    shot = portrait(t11, POSE)
+    whole = on_level(shot, t11, POSE.z)
+    added = [range_doubt(shot, without_uprights(whole, missing), CONFIG) for missing in range(5)]
+    sizes = [float(np.sqrt(np.trace(one))) for one in added]
+    assert sizes[0] < 0.02
+    assert (np.diff(sizes[1:]) > 0.03).all()
+    values, axes = np.linalg.eigh(added[-1][:3, :3])
+    assert whole.pose is not None
+    ray = np.array([whole.pose.x, whole.pose.y, whole.pose.z]) - shot.mounting.center
+    assert abs(axes[:, -1] @ ray) == pytest.approx(np.linalg.norm(ray))
+    assert values[1] < 1e-9
+    assert (added[-1][3] == 0.0).all()
+
+
+def test_level_lines_say_nothing_of_the_range(portrait: Portrait, t11: PalletModel) -> None:
+    shot = portrait(t11, POSE)
+    whole = without_uprights(on_level(shot, t11, POSE.z), 0)
+    assert whole.face is not None
+    level = np.array([one.edge.horizontal for one in whole.face.seen.edges])
+    faint = replace(whole, face=replace(whole.face, weights=np.where(level, 0.0, 1.0)))
+    np.testing.assert_array_equal(range_doubt(shot, faint, CONFIG), range_doubt(shot, whole, CONFIG))

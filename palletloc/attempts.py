@@ -114,7 +114,8 @@ def _fit(shot: ShotView, candidate: Candidate, pose: LevelPose, patch: FacePatch
     candidate.pose, candidate.covariance = found, face.covariance
     spans = face.seen.hidden
     contrast = float(np.nan_to_num(_contrast(patch, found, candidate, spans)))
-    signs = Signs(contrast, face.coverage, score_pose(patch, model, found, spans), face.doubt, face.seen.hidden_part)
+    score, width = score_pose(patch, model, found, spans), face.seen.width_px(model.width)
+    signs = Signs(contrast, face.coverage, score, face.doubt, face.seen.hidden_part, width)
     candidate.verification = verify(signs, config.verification)
     if candidate.height is not None and abs(found.z - height.z) > 4 * height.sigma:
         return candidate.refuse(Stage.VERIFICATION, Reason.OFF_LEVEL)

@@ -87,6 +87,16 @@ def test_a_pixel_is_larger_where_the_face_is_seen_aslant(portrait: Portrait, t11
     assert across[True] > straight  # seen from 40 degrees above
 
 
+def test_a_face_is_as_wide_as_its_ends_are_apart_in_the_image(portrait: Portrait, t11: PalletModel) -> None:
+    shot = portrait(t11, POSE)
+    seen = seen_at(shot, POSE, t11)
+    assert seen is not None
+    ends = POSE.transform().apply([[0.0, side * t11.width / 2, t11.height / 2] for side in (-1, 1)])
+    pixels = shot.projector.camera.project(shot.camera_from_forklift.apply(ends)).pixels
+    assert seen.width_px(t11.width) == pytest.approx(float(np.linalg.norm(pixels[1] - pixels[0])), rel=0.03)
+    assert replace(seen, edges=()).width_px(t11.width) == 0.0
+
+
 def test_the_upper_edge_may_be_loaded_from_above_and_not_from_below(t11: PalletModel, portrait: Portrait) -> None:
     above, high = portrait(t11, POSE), replace(POSE, z=2.6)
     below = portrait(t11, high)

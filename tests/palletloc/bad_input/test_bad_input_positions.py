@@ -25,13 +25,8 @@ Makes = Callable[..., Localizer]
 Check = Callable[[str, Image, bool], None]
 
 FEW = settings(max_examples=4, deadline=None, derandomize=True, phases=[Phase.generate])
-MANY = settings(max_examples=12, deadline=None, phases=[Phase.generate])
+MANY = settings(max_examples=25, deadline=None, phases=[Phase.generate])
 heights = pytest.mark.parametrize("known", [True, False], ids=["level", "free"])
-AT_ANY_HEIGHT = pytest.param(
-    False,
-    marks=pytest.mark.xfail(strict=False, reason="without a level, a face that leans passes for an upright one"),
-)
-weak_heights = pytest.mark.parametrize("known", [True, AT_ANY_HEIGHT], ids=["level", "free"])
 FLIPS = {"mirrored": (1, -1), "upside_down": (-1, 1), "half_turn": (-1, -1)}
 """Order of the rows and of the columns."""
 MAX_START_TURN = 20.0
@@ -116,9 +111,30 @@ def test_a_mirrored_image_gives_no_wrong_row_where_the_shelf_would_be_mirrored(
     assert faults(found.explain(image, 0.0, shelf_in(shot, shelf, "mirrored")), seen) == []
 
 
+LEANING = pytest.param(
+    "floor",
+    "upside_down",
+    marks=pytest.mark.xfail(
+        strict=False,
+        reason="the image of a camera that is tilted by 1 degree shows pallets that lean by 2 when upside down:"
+        " their yaw is 2 degrees off, which nothing in one shot tells",
+    ),
+)
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["floor", "rack", "fisheye", "pinhole"])
-@pytest.mark.parametrize("flip", FLIPS)
+@pytest.mark.parametrize(
+    ("name", "flip"),
+    [
+        LEANING,
+        *(
+            (name, flip)
+            for name in ("floor", "rack", "fisheye", "pinhole")
+            for flip in FLIPS
+            if (name, flip) != ("floor", "upside_down")
+        ),
+    ],
+)
 def test_at_any_height_a_flipped_image_gives_only_rows_that_are_right_in_it(
     flip: str, name: str, scenes: Scenes, localizer: Makes, faults: Faults
 ) -> None:
@@ -136,7 +152,7 @@ def test_an_image_turned_about_the_lens_gives_no_wrong_row(
 
 
 @pytest.mark.slow
-@weak_heights
+@heights
 @MANY
 @given(name=lenses, turn_deg=tilts)
 def test_no_turn_about_the_lens_gives_a_wrong_row(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -27,20 +28,11 @@ Check = Callable[..., Explanation]
 
 FEW = settings(max_examples=6, deadline=None, derandomize=True, phases=[Phase.generate])
 SOME = settings(max_examples=12, deadline=None, derandomize=True, phases=[Phase.generate])
-MANY = settings(max_examples=12, deadline=None, phases=[Phase.generate])
+MANY = settings(max_examples=60, deadline=None, phases=[Phase.generate])
 heights = pytest.mark.parametrize("known", [True, False], ids=["level", "free"])
-AT_ANY_HEIGHT = pytest.param(
-    False,
-    marks=[
-        pytest.mark.slow,
-        pytest.mark.xfail(
-            strict=False, reason="without a level, another model fits elsewhere on the same viewing rays"
-        ),
-    ],
-)
-weak_heights = pytest.mark.parametrize("known", [True, AT_ANY_HEIGHT], ids=["level", "free"])
 
 names = st.sampled_from(["floor", "rack", "fisheye", "pinhole"])
+DEFAULT: Method = inspect.signature(Localizer).parameters["method"].default
 broken = st.sampled_from([np.nan, np.inf, -np.inf])
 fields = st.sampled_from(["x", "y", "z", "yaw"])
 huge = st.sampled_from([1e7, -1e7, 1e160, -1e160, 1e308, -1e308])
@@ -191,9 +183,13 @@ def test_a_start_of_another_model_than_stands_there_gives_no_wrong_row(
 
 
 @pytest.mark.parametrize("name", ["floor", "fisheye", "pinhole"])
-@pytest.mark.xfail(strict=False, reason="edges and contrast of a face tell its model from others not well enough")
-@weak_heights
-def test_another_model_is_never_found(name: str, known: bool, started: Check, scenes: Scenes) -> None:
+@heights
+def test_another_model_is_never_found(
+    name: str, known: bool, started: Check, scenes: Scenes, method: Method, request: pytest.FixtureRequest
+) -> None:
+    if known and method is not DEFAULT:
+        reason = "horizontal_plane does not try the rows of blocks of another model on a known level"
+        request.applymarker(pytest.mark.xfail(strict=False, reason=reason))
     _, pallets, _ = scenes(name)
     starts = [
         Start(model.name, replace(pose, x=pose.x + shift))
@@ -219,7 +215,7 @@ def test_two_starts_on_one_pallet_lead_to_one_pose(
 
 
 @pytest.mark.slow
-@weak_heights
+@heights
 @MANY
 @given(data=st.data(), name=names)
 def test_starts_around_pallets_give_no_wrong_row(

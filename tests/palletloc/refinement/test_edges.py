@@ -62,7 +62,7 @@ def test_edges_are_where_the_true_pose_says(name: str, portrait: Portrait, reque
     normalised = offsets / np.array([np.hypot(one.sigma, one.shift.sigma) for one in certain])
     assert np.mean(np.abs(normalised) < 3.0) > 0.7
     level = [one for one in certain if one.edge.horizontal and one.edge.length > 0.5]
-    assert all(abs(one.fit.slope) < np.radians(1.5) for one in level)
+    assert all(abs(one.fit.slope) < np.radians(1.25) for one in level)
 
 
 @pytest.mark.parametrize(("right", "up"), [(0.005, 0.0), (0.0, -0.005), (-0.004, 0.004)])

@@ -25,8 +25,8 @@ WRONG_LEVEL = 0.01
 CLEARLY_OFF = 3.0
 """From how many standard deviations on a face contradicts its level: fewer are no matter of height."""
 
-MISSED = 1.0
-"""How many uprights a right pose misses at most, as a rule."""
+MISSED = 0.5
+"""How many uprights a right pose misses, as a rule."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +95,8 @@ def range_doubt(shot: ShotView, candidate: Candidate, config: LocalizerConfig) -
     """Return what missing uprights leave in doubt of a pose whose height is unknown.
 
     An upright that is not where the pose says is farther aside than it was looked for: the face may be larger or
-    smaller than its model by that over its half width, and nearer or farther away by the same part of its range.
+    smaller than its model by that over its half width, and nearer or farther away by the same part of its range. As
+    it is the other end that holds then, its middle may be as far aside.
 
     Parameters
     ----------
@@ -115,11 +116,11 @@ def range_doubt(shot: ShotView, candidate: Candidate, config: LocalizerConfig) -
     if face is None or pose is None:
         return added
     visible = visible_lines(candidate.model, face.seen.plane_from_camera)
-    expected = sum(not line.whole.horizontal for line in visible) - sum(not line.horizontal for line in face.hidden)
+    expected = sum(not line.whole.horizontal for line in visible)  # one that is hidden confirms nothing, either
     pairs = zip(face.seen.edges, face.weights, strict=True)
     found = sum(float(weight) for one, weight in pairs if not one.edge.horizontal)
-    missing = max(expected - found - MISSED, 0.0)
-    ray = np.array([pose.x, pose.y, pose.z]) - shot.mounting.center
-    ray *= missing * config.face_fit.reach / (candidate.model.width / 2)
-    added[:3, :3] = np.outer(ray, ray)
+    aside = max(expected - found - MISSED, 0.0) * config.face_fit.reach
+    ray = (np.array([pose.x, pose.y, pose.z]) - shot.mounting.center) * aside / (candidate.model.width / 2)
+    along = aside * np.array([np.sin(pose.yaw), -np.cos(pose.yaw), 0.0])
+    added[:3, :3] = np.outer(ray, ray) + np.outer(along, along)
     return added

@@ -109,13 +109,12 @@ def test_missing_uprights_leave_the_range_in_doubt(portrait: Portrait, t11: Pall
     whole = on_level(shot, t11, POSE.z)
     added = [range_doubt(shot, without_uprights(whole, missing), CONFIG) for missing in range(5)]
     sizes = [float(np.sqrt(np.trace(one))) for one in added]
-    assert sizes[0] < 0.02
+    assert sizes[0] < 0.5 * sizes[-1]
     assert (np.diff(sizes[1:]) > 0.03).all()
-    values, axes = np.linalg.eigh(added[-1][:3, :3])
+    _, axes = np.linalg.eigh(added[-1][:3, :3])
     assert whole.pose is not None
     ray = np.array([whole.pose.x, whole.pose.y, whole.pose.z]) - shot.mounting.center
-    assert abs(axes[:, -1] @ ray) == pytest.approx(np.linalg.norm(ray))
-    assert values[1] < 1e-9
+    assert abs(axes[:, -1] @ ray) > 0.97 * np.linalg.norm(ray)
     assert (added[-1][3] == 0.0).all()
 
 
@@ -126,3 +125,16 @@ def test_level_lines_say_nothing_of_the_range(portrait: Portrait, t11: PalletMod
     level = np.array([one.edge.horizontal for one in whole.face.seen.edges])
     faint = replace(whole, face=replace(whole.face, weights=np.where(level, 0.0, 1.0)))
     np.testing.assert_array_equal(range_doubt(shot, faint, CONFIG), range_doubt(shot, whole, CONFIG))
+
+
+def test_a_hidden_upright_confirms_no_range(portrait: Portrait, t11: PalletModel) -> None:
+    shot = portrait(t11, POSE)
+    missing = without_uprights(on_level(shot, t11, POSE.z), 3)
+    assert missing.face is not None
+    lost = [one.edge for one in missing.face.seen.edges if not one.edge.horizontal][:3]
+    seen = replace(missing.face.seen, edges=tuple(one for one in missing.face.seen.edges if one.edge not in lost))
+    kept = np.array([one.edge not in lost for one in missing.face.seen.edges])
+    hidden = replace(
+        missing, face=replace(missing.face, seen=seen, weights=missing.face.weights[kept], hidden=tuple(lost))
+    )
+    np.testing.assert_allclose(range_doubt(shot, hidden, CONFIG), range_doubt(shot, missing, CONFIG))

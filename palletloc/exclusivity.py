@@ -100,7 +100,9 @@ def compete(candidate: Candidate, rival: Candidate, config: LocalizerConfig) -> 
         return
     apart = rival.pose.as_array() - candidate.pose.as_array()
     apart[3] = wrap_angle(apart[3])
-    if gain > 0 and apart @ np.linalg.solve(candidate.covariance, apart) > FAR_APART**2:
+    # what doubt has added to the covariance is no reason to believe in the worse of two
+    fitted = candidate.covariance if candidate.face is None else candidate.face.covariance
+    if gain > 0 and apart @ np.linalg.solve(fitted, apart) > FAR_APART**2:
         candidate.refuse(Stage.VERIFICATION, Reason.OVERLAP)
         return
     candidate.covariance = candidate.covariance + np.outer(apart, apart) / (1 + np.exp(-gain))

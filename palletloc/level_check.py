@@ -25,8 +25,8 @@ WRONG_LEVEL = 0.01
 CLEARLY_OFF = 3.0
 """From how many standard deviations on a face contradicts its level: fewer are no matter of height."""
 
-MISSED = 0.5
-"""How many uprights a right pose misses, as a rule."""
+MISSED = 1.0
+"""How many uprights a right pose misses at most, as a rule."""
 
 
 @dataclass(frozen=True, slots=True)

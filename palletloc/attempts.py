@@ -10,23 +10,22 @@ import numpy as np
 from palletloc.candidate import Candidate, ShotView
 from palletloc.config import LocalizerConfig
 from palletloc.geometry import LevelPose, wrap_angle
-from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
-from palletloc.refinement.alignment import FaceEstimate, YawPrior, fit_face, same_pose
+from palletloc.level_check import WRONG_LEVEL, check_level, range_doubt
+from palletloc.measurement import HeightPrior, Reason, Stage
+from palletloc.refinement.alignment import FaceEstimate, fit_face, same_pose
 from palletloc.refinement.appearance import SHOWN, opening_contrasts
 from palletloc.refinement.hypotheses import score_pose
 from palletloc.refinement.occlusion import Spans, hidden_part
 from palletloc.refinement.patch import FacePatch
-from palletloc.verification import Signs, of_use, verify
+from palletloc.verification import WEAK_DOUBT, Signs, of_use, verify
 
 MOST_ATTEMPTS = 3
 """How many starts are tried where only the face gives yaw or distance."""
-WEAK_DOUBT = 0.5
-"""Doubt from which on a covariance grows where only the face gives yaw or distance."""
 DOUBTED_APART, REFUSED_APART, REFUSED_APART_DEG = 2.5, 4.0, 1.0
 """How far the yaw of the level lines may be off: in their standard deviations until the pose becomes less certain,
 and in those and in degrees until it is refused."""
-NATS_PER_EDGE = 2.0
-"""How much less likely, as a logarithm, each missing or contradicting edge makes a pose."""
+LEVEL_DOUBT = 1.0
+"""Doubt from which on the level is asked whether the face agrees: a wrong one leaves about an edge or more aside."""
 GLANCE_CONTRAST = 0.9
 """Contrast of openings and blocks below which a start shows no pallet, in spreads of the blocks."""
 GLANCE_DOUBT = 0.3
@@ -80,13 +79,15 @@ def keep_best(
             break
     if not attempts:
         return candidate.refuse(Stage.VERIFICATION, Reason.LOW_CONTRAST)
-    best = max(attempts, key=_likelihood)
+    best = max(attempts, key=lambda one: one.likelihood)
     if best.face is not None:
         doubt = best.face.doubt
         growth = max(doubt - (WEAK_DOUBT if weak else config.face_fit.max_doubt), 0.0) ** 2
         _widen(best, growth, attempts)
     for name in ("horizontal", "yaw", "yaw_from", "face", "pose", "covariance", "verification", "refusal"):
         setattr(candidate, name, getattr(best, name))
+    if candidate.refusal is None:
+        _doubt_height(shot, candidate, config)
     uncertain = candidate.covariance is None or not of_use(candidate.covariance, config.verification)
     if candidate.refusal is None and uncertain:
         candidate.refuse(Stage.VERIFICATION, Reason.UNCERTAIN)
@@ -128,10 +129,9 @@ def _fit(
 ) -> None:
     model = candidate.model
     height = candidate.height or HeightPrior(candidate.start.z, config.prior.free_sigma)
-    yaw = None
     if candidate.yaw is not None:
         candidate.yaw_from = candidate.yaw.source
-        yaw = YawPrior(candidate.yaw.sigma, model.height if candidate.yaw.source is YawSource.TOP else 0.0)
+    yaw = candidate.yaw_prior
     spread = float(np.radians(config.prior.yaw_sigma_deg))
     face = fit_face(
         shot.projector.camera, shot.image, shot.mounting, pose, model, height, yaw, spread, config.face_fit, known
@@ -143,7 +143,8 @@ def _fit(
     candidate.pose, candidate.covariance = found, face.covariance
     spans = face.seen.hidden
     contrast = float(np.nan_to_num(_contrast(patch, found, candidate, spans)))
-    signs = Signs(contrast, face.coverage, score_pose(patch, model, found, spans), face.doubt, face.seen.hidden_part)
+    score, width = score_pose(patch, model, found, spans), face.seen.width_px(model.width)
+    signs = Signs(contrast, face.coverage, score, face.doubt, face.seen.hidden_part, width)
     candidate.verification = verify(signs, config.verification)
     if candidate.height is not None and abs(found.z - height.z) > 4 * height.sigma:
         return candidate.refuse(Stage.VERIFICATION, Reason.OFF_LEVEL)
@@ -165,17 +166,20 @@ def _compare_yaws(candidate: Candidate, face: FaceEstimate) -> None:
     return None
 
 
-def _likelihood(attempt: Candidate) -> float:
-    """Return the logarithm of how well a fit explains the image, to be compared with other fits of the candidate.
-
-    Parameters
-    ----------
-    attempt : Candidate
-        After its fit; minus infinity where that failed.
-    """
-    if attempt.face is None or attempt.verification is None:
-        return -np.inf
-    return attempt.verification.evidence - NATS_PER_EDGE * attempt.face.doubt
+def _doubt_height(shot: ShotView, candidate: Candidate, config: LocalizerConfig) -> None:
+    """Refuse a pose whose level the face contradicts, or make it less certain."""
+    if candidate.face is None or candidate.covariance is None:
+        return None
+    if candidate.height is None:
+        candidate.covariance = candidate.covariance + range_doubt(shot, candidate, config)
+        return None
+    check = None if candidate.face.doubt < LEVEL_DOUBT else check_level(shot, candidate, config)
+    if check is None or check.wrong < WRONG_LEVEL:
+        return None  # the face speaks rather for its level than against it
+    if check.contradicts:
+        return candidate.refuse(Stage.VERIFICATION, Reason.OFF_LEVEL)
+    candidate.covariance = candidate.covariance + check.wrong * np.outer(check.apart, check.apart)
+    return None
 
 
 def _widen(best: Candidate, growth: float, attempts: Sequence[Candidate]) -> None:
@@ -183,7 +187,7 @@ def _widen(best: Candidate, growth: float, attempts: Sequence[Candidate]) -> Non
     if best.pose is None or best.covariance is None:
         return
     rivals = [one for one in attempts if one.pose is not None]
-    weight = np.exp([_likelihood(rival) - _likelihood(best) for rival in rivals])
+    weight = np.exp([rival.likelihood - best.likelihood for rival in rivals])
     apart = np.array([rival.pose.as_array() - best.pose.as_array() for rival in rivals if rival.pose])
     apart[:, 3] = wrap_angle(apart[:, 3])
     best.covariance = best.covariance * (1 + growth) + (weight[:, None] * apart).T @ apart / weight.sum()

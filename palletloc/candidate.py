@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 from scipy.spatial.transform import RigidTransform
@@ -15,9 +16,9 @@ from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
 from palletloc.position import Sweep
 from palletloc.projection import Projector
-from palletloc.refinement.alignment import FaceEstimate
+from palletloc.refinement.alignment import FaceEstimate, YawPrior
 from palletloc.refinement.search import Search
-from palletloc.verification import Verification
+from palletloc.verification import NATS_PER_EDGE, Verification
 from palletloc.yaw import YawEstimate
 
 
@@ -76,6 +77,20 @@ class Candidate:
     def rank(self) -> float:
         """Its standing among candidates in one place, 0 to 1."""
         return self.verification.rank if self.verification else self.score
+
+    @property
+    def likelihood(self) -> float:
+        """How well its fit explains the image, as a logarithm, to be compared with others; -inf where it failed."""
+        if self.face is None or self.verification is None:
+            return -math.inf
+        return self.verification.evidence - NATS_PER_EDGE * self.face.doubt
+
+    @property
+    def yaw_prior(self) -> YawPrior | None:
+        """What the horizontal plane says of the yaw; None where the face has to give it."""
+        if self.yaw is None:
+            return None
+        return YawPrior(self.yaw.sigma, self.model.height if self.yaw.source is YawSource.TOP else 0.0)
 
     def refuse(self, stage: Stage, reason: Reason) -> None:
         """Give it up."""

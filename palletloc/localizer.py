@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +13,7 @@ from palletloc.cameras.protocol import CameraModel
 from palletloc.candidate import Candidate, ShotView
 from palletloc.config import LocalizerConfig, Method
 from palletloc.detection import Detection, detect
+from palletloc.exclusivity import Measure, challenge, exclude_overlaps
 from palletloc.exposure import brightened, points_about, shelf_points
 from palletloc.geometry import FloatArray, Image, LevelPose
 from palletloc.measurement import HeightPrior, PalletMeasurement, Reason, Refusal, Stage
@@ -24,9 +25,6 @@ from palletloc.refined import measure_refined
 from palletloc.shelf import ShelfPlane
 from palletloc.shelf_view import ShelfView
 from palletloc.verification import overlapping
-
-Measure = Callable[[ShotView, Candidate, LocalizerConfig], None]
-"""Measures a candidate in a shot: leaves a pose or a refusal in it."""
 
 METHODS: dict[Method, Measure] = {
     Method.REFINED: measure_refined,
@@ -171,6 +169,7 @@ class Localizer:
         candidates = [self._detected(detection) for detection in detections]
         for i, (candidate, detection) in enumerate(zip(candidates, detections, strict=True)):
             self._measure(shot, candidate, detection.promise, candidates[:i])
+            self._challenge(shot, candidate)
         exclude_overlaps(candidates)
         return Explanation(time, file, tuple(views), tuple(detections), tuple(candidates))
 
@@ -209,6 +208,8 @@ class Localizer:
             if candidate.refusal is None:
                 METHODS[self.method](shot, candidate, self.config)
         candidates = [self._looked_for_widely(shot, candidate) for candidate in candidates]
+        for candidate in candidates:
+            self._challenge(shot, candidate)
         return Explanation(time, file, (), (), tuple(candidates))
 
     def _looked_for_widely(self, shot: ShotView, candidate: Candidate) -> Candidate:
@@ -267,6 +268,13 @@ class Localizer:
         seen = self.projector.camera.project(face + camera_from_pallet[:3, 3])
         return None if seen.valid.any() else Reason.OUT_OF_VIEW
 
+    def _challenge(self, shot: ShotView, candidate: Candidate) -> None:
+        """Try every other model in the place of a pallet whose height only its size tells."""
+        if self.method in (Method.PAPER, Method.JOINT_SEARCH):
+            return  # as published they ask no such question
+        others = [model for model in self.models.values() if model.name != candidate.model.name]
+        challenge(shot, candidate, others, METHODS[self.method], self.config)
+
     def _measure(self, shot: ShotView, candidate: Candidate, promise: float, before: Sequence[Candidate]) -> None:
         """Measure a detection unless a pallet that is beyond doubt stands there."""
         certain = (one for one in before if one.refusal is None and one.rank >= self.config.verification.certain)
@@ -281,24 +289,3 @@ class Localizer:
 def _clearer(one: Candidate, other: Candidate) -> bool:
     """Tell whether the edges of one candidate leave less doubt than another's."""
     return one.face is not None and (other.face is None or one.face.doubt < other.face.doubt)
-
-
-def exclude_overlaps(candidates: Iterable[Candidate]) -> None:
-    """Refuse every candidate that stands in a better one: two pallets cannot overlap.
-
-    What shows a pallet's blocks and openings but was given up for its edges or its height keeps its place, too:
-    whatever else is found there is that pallet, seen wrongly.
-    """
-    kept: list[tuple[Candidate, LevelPose]] = []
-    for candidate in sorted(candidates, key=lambda one: -one.rank):
-        if candidate.pose is None or not (candidate.refusal is None or _is_pallet(candidate)):
-            continue
-        if any(overlapping(pose, other.model, candidate.pose, candidate.model) for other, pose in kept):
-            if candidate.refusal is None:
-                candidate.refuse(Stage.VERIFICATION, Reason.OVERLAP)
-        else:
-            kept.append((candidate, candidate.pose))
-
-
-def _is_pallet(candidate: Candidate) -> bool:
-    return candidate.verification is not None and candidate.verification.reason is None

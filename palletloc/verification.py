@@ -29,6 +29,12 @@ NO_CONTRAST = 3.0
 """Evidence per factor e of a contrast below the usual one: few pallets have openings like their blocks."""
 HIDDEN = -10.0
 """Evidence of a face that is wholly hidden: what seems to be hidden may as well not be there."""
+WEAK_DOUBT = 0.5
+"""Doubt from which on a covariance grows where only the face gives yaw or distance."""
+NATS_PER_EDGE = 2.0
+"""How much less likely, as a logarithm, each missing or contradicting edge makes a pose."""
+ENOUGH_PX = 80.0
+"""Width of a face in the image below which all signs say less: few pixels look like anything."""
 CLEAR_CONTRAST = 4.0
 """Contrast from which on more says nothing more."""
 
@@ -62,6 +68,8 @@ class Signs(NamedTuple):
     """How many edges are missing or contradict the others."""
     hidden: float = 0.0
     """Part of the face that something seems to stand before, 0 to 1."""
+    width_px: float = math.inf
+    """Width of the face in the image, in pixels."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +84,8 @@ class Verification:
     @property
     def evidence(self) -> float:
         """How much all signs together speak for a pallet, in nats."""
-        return sum(_evidence(self.signs))
+        total = sum(_evidence(self.signs))
+        return total if total < 0 else total * min(1.0, self.signs.width_px / ENOUGH_PX)
 
     @property
     def rank(self) -> float:

@@ -78,6 +78,11 @@ class SeenFace:
         """Tell whether a load may begin at an edge: at the upper one, seen from above."""
         return edge.kind is EdgeKind.TOP and bool(self.plane_from_camera[1] > edge.middle[1])
 
+    def width_px(self, width: float) -> float:
+        """Return how wide a face of so many metres is in the image, in pixels; 0 where no upright edge is seen."""
+        pixels = [one.pixel for one in self.edges if not one.edge.horizontal]
+        return width / float(np.median(pixels)) if pixels else 0.0
+
 
 @dataclass(frozen=True, slots=True)
 class EdgeReach:

@@ -1,7 +1,7 @@
 """Which part of a face something stands before: where all the level lines that are seen elsewhere are missing.
 
 An upright, a carton or a bin hides every line behind it at once, so independent lines vote for each stretch of the
-face. A line that is nowhere seen has no vote: it may lie in the shadow.
+face. A line that is nowhere seen has no vote: it may lie in the shadow. One that is alone widens what others say.
 """
 
 from __future__ import annotations
@@ -70,9 +70,18 @@ def hidden_spans(
     lines = np.count_nonzero(here.reshape(-1, BINS), axis=0)
     # neighbours share their votes: something that hides a stretch is not narrower
     spread = np.ones(3)
-    hidden = np.convolve(shown, spread, "same") < SUPPORT * np.convolve(count, spread, "same")
-    hidden &= lines >= VOTERS
+    missing = np.convolve(shown, spread, "same") < SUPPORT * np.convolve(count, spread, "same")
+    hidden = _grown(missing & (lines >= VOTERS), missing & (lines > 0))
     return tuple((-half + first * 2 * half / BINS, -half + last * 2 * half / BINS) for first, last in _runs(hidden))
+
+
+def _grown(hidden: BoolArray, alone: BoolArray) -> BoolArray:
+    """Return what is hidden with the stretches beside it where a single line votes, as at the outer blocks."""
+    grown = hidden
+    for _ in range(BINS):
+        beside = np.convolve(grown, np.ones(3), "same") > 0
+        grown = hidden | (alone & beside)
+    return grown
 
 
 def _runs(hidden: BoolArray) -> list[tuple[int, int]]:

@@ -200,10 +200,24 @@ def test_doubt_widens_the_covariance_where_only_the_face_tells(pair: ShotView, t
     assert factors[1] > 1.1
 
 
-def test_a_pallet_off_its_level_is_refused(pair: ShotView, t11: PalletModel) -> None:
-    found = kept(pair, t11, [LEFT], height=HeightPrior(0.2, 0.003))
+@pytest.mark.parametrize("off", [-0.12, -0.08, -0.06, -0.05, 0.05, 0.06, 0.08, 0.12])
+def test_a_pallet_off_its_level_is_refused(off: float, pair: ShotView, t11: PalletModel) -> None:
+    found = kept(pair, t11, [LEFT], height=HeightPrior(off, 0.003))
     assert found.refusal is not None
     assert found.refusal[0] in (Stage.VERIFICATION, Stage.POSITION)
+
+
+@pytest.mark.parametrize("off", [-0.04, -0.03, -0.02, 0.02, 0.03, 0.04])
+def test_a_pallet_a_little_off_its_level_is_nearly_right_or_says_how_wrong_it_is(
+    off: float, pair: ShotView, t11: PalletModel
+) -> None:
+    found = kept(pair, t11, [LEFT], height=HeightPrior(off, 0.003))
+    if found.refusal is None:
+        assert found.pose is not None
+        assert found.covariance is not None
+        error = found.pose.as_array() - LEFT.as_array()
+        sigmas = np.sqrt(error @ np.linalg.solve(found.covariance, error))
+        assert np.abs(error[:3]).max() < 0.06 or sigmas < 5.0
 
 
 def test_every_attempt_starts_from_the_candidate_as_it_was(pair: ShotView, t11: PalletModel) -> None:

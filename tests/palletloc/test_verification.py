@@ -147,6 +147,19 @@ def test_every_sign_counts() -> None:
         assert verify(Signs(*better), CONFIG).rank > plain + 0.01
 
 
+@given(signs, st.floats(0.0, 500.0))
+def test_few_pixels_never_make_a_pallet_more_likely(sign: tuple[float, float, float, float], width: float) -> None:
+    large, small = (verify(Signs(*sign, width_px=one), CONFIG) for one in (np.inf, width))
+    assert small.rank <= large.rank
+    assert (small.rank > 0.5) <= (large.rank > 0.5)
+
+
+def test_a_face_of_few_pixels_must_show_more() -> None:
+    seen = Signs(3.0, 0.75, 0.6, 2.0)
+    assert verify(seen, CONFIG).reason is None
+    assert verify(seen._replace(width_px=25.0), CONFIG).reason is not None
+
+
 @pytest.mark.parametrize(
     ("sign", "reason"),
     [

@@ -26,14 +26,8 @@ Photograph = Callable[..., ShotView]
 Check = Callable[..., int]
 
 FEW = settings(max_examples=5, deadline=None, derandomize=True, phases=[Phase.generate])
-MANY = settings(max_examples=12, deadline=None, phases=[Phase.generate])
-AT_ANY_HEIGHT = pytest.param(
-    False,
-    marks=pytest.mark.xfail(
-        strict=False, reason="without a level, another model fits elsewhere on the same viewing rays"
-    ),
-)
-weak_heights = pytest.mark.parametrize("known", [True, AT_ANY_HEIGHT], ids=["level", "free"])
+MANY = settings(max_examples=20, deadline=None, phases=[Phase.generate])
+heights = pytest.mark.parametrize("known", [True, False], ids=["level", "free"])
 SEAM = LevelPose(0.3, -0.08, 1.85, 0.0)
 """Where a camera of two lenses stands."""
 
@@ -99,7 +93,7 @@ def test_a_pallet_cut_by_the_border_gives_no_wrong_row(
 
 
 @pytest.mark.slow
-@weak_heights
+@heights
 @MANY
 @given(name=lenses, side=sides, pallet=which, place=places)
 def test_no_cut_by_the_border_gives_a_wrong_row(
@@ -136,7 +130,7 @@ def test_a_pallet_cut_by_the_limit_of_the_lens_gives_no_wrong_row(
 
 
 @pytest.mark.slow
-@weak_heights
+@heights
 @MANY
 @given(pallet=which, place=places, black=st.booleans())
 def test_no_cut_by_the_limit_of_the_lens_gives_a_wrong_row(

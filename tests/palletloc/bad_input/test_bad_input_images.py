@@ -25,15 +25,24 @@ Makes = Callable[..., Localizer]
 Check = Callable[..., None]
 
 FEW = settings(max_examples=4, deadline=None, derandomize=True, phases=[Phase.generate])
-MANY = settings(max_examples=12, deadline=None, phases=[Phase.generate])
+MANY = settings(max_examples=16, deadline=None, phases=[Phase.generate])
 heights = pytest.mark.parametrize("known", [True, False], ids=["level", "free"])
 AT_ANY_HEIGHT = pytest.param(
     False,
     marks=pytest.mark.xfail(
-        strict=False, reason="without a level, coarse noise and other models on the same viewing rays pass"
+        strict=False,
+        reason="without a level, one in thirty images of square blocks as high as a face shows what looks like one",
     ),
 )
-weak_heights = pytest.mark.parametrize("known", [True, AT_ANY_HEIGHT], ids=["level", "free"])
+CUT_BY_BAND = pytest.param(
+    False,
+    marks=pytest.mark.xfail(
+        strict=False,
+        reason="without a level, a band that ends beside a pallet stands in for its side in one of a hundred",
+    ),
+)
+band_heights = pytest.mark.parametrize("known", [True, CUT_BY_BAND], ids=["level", "free"])
+noise_heights = pytest.mark.parametrize("known", [True, AT_ANY_HEIGHT], ids=["level", "free"])
 
 names = st.sampled_from(["floor", "rack", "fisheye", "pinhole"])
 seeds = st.integers(0, 2**32 - 1)
@@ -147,7 +156,7 @@ def test_noise_gives_no_row(empty: Check, name: str, grain: float, blocks: bool,
 
 
 @pytest.mark.slow
-@weak_heights
+@noise_heights
 @MANY
 @given(name=names, grain=grains, blocks=st.booleans(), seed=seeds)
 def test_much_noise_gives_no_row(empty: Check, known: bool, name: str, grain: float, blocks: bool, seed: int) -> None:
@@ -161,7 +170,7 @@ def test_too_much_or_too_little_light_gives_no_wrong_row(spoiled: Check, name: s
 
 
 @pytest.mark.slow
-@weak_heights
+@heights
 @MANY
 @given(name=names, stops=stops)
 def test_no_light_gives_a_wrong_row(spoiled: Check, known: bool, name: str, stops: float) -> None:
@@ -177,7 +186,7 @@ def test_half_an_image_that_is_lost_gives_no_wrong_row(
 
 
 @pytest.mark.slow
-@weak_heights
+@band_heights
 @MANY
 @given(name=names, fill=grays, begin=parts, share=st.floats(0.02, 0.9), upright=st.booleans())
 def test_no_lost_band_of_an_image_gives_a_wrong_row(

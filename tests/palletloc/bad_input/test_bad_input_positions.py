@@ -25,13 +25,8 @@ Makes = Callable[..., Localizer]
 Check = Callable[[str, Image, bool], None]
 
 FEW = settings(max_examples=4, deadline=None, derandomize=True, phases=[Phase.generate])
-MANY = settings(max_examples=12, deadline=None, phases=[Phase.generate])
+MANY = settings(max_examples=25, deadline=None, phases=[Phase.generate])
 heights = pytest.mark.parametrize("known", [True, False], ids=["level", "free"])
-AT_ANY_HEIGHT = pytest.param(
-    False,
-    marks=pytest.mark.xfail(strict=False, reason="without a level, a face that leans passes for an upright one"),
-)
-weak_heights = pytest.mark.parametrize("known", [True, AT_ANY_HEIGHT], ids=["level", "free"])
 FLIPS = {"mirrored": (1, -1), "upside_down": (-1, 1), "half_turn": (-1, -1)}
 """Order of the rows and of the columns."""
 MAX_START_TURN = 20.0
@@ -120,8 +115,11 @@ def test_a_mirrored_image_gives_no_wrong_row_where_the_shelf_would_be_mirrored(
 @pytest.mark.parametrize("name", ["floor", "rack", "fisheye", "pinhole"])
 @pytest.mark.parametrize("flip", FLIPS)
 def test_at_any_height_a_flipped_image_gives_only_rows_that_are_right_in_it(
-    flip: str, name: str, scenes: Scenes, localizer: Makes, faults: Faults
+    flip: str, name: str, scenes: Scenes, localizer: Makes, faults: Faults, request: pytest.FixtureRequest
 ) -> None:
+    if (name, flip) == ("floor", "upside_down"):
+        reason = "a camera tilted by 1 degree shows pallets upside down that lean by 2: their yaw is as wrong"
+        request.applymarker(pytest.mark.xfail(strict=False, reason=reason))
     shot, pallets, shelf = scenes(name)
     explained = localizer(shot, pallets).explain(flipped(shot.image, flip), 0.0, replace(shelf, levels=()))
     assert faults(explained, pallets + seen_in(shot, pallets, flip)) == []
@@ -136,7 +134,7 @@ def test_an_image_turned_about_the_lens_gives_no_wrong_row(
 
 
 @pytest.mark.slow
-@weak_heights
+@heights
 @MANY
 @given(name=lenses, turn_deg=tilts)
 def test_no_turn_about_the_lens_gives_a_wrong_row(

@@ -27,18 +27,8 @@ Check = Callable[..., Explanation]
 
 FEW = settings(max_examples=6, deadline=None, derandomize=True, phases=[Phase.generate])
 SOME = settings(max_examples=12, deadline=None, derandomize=True, phases=[Phase.generate])
-MANY = settings(max_examples=12, deadline=None, phases=[Phase.generate])
+MANY = settings(max_examples=60, deadline=None, phases=[Phase.generate])
 heights = pytest.mark.parametrize("known", [True, False], ids=["level", "free"])
-AT_ANY_HEIGHT = pytest.param(
-    False,
-    marks=[
-        pytest.mark.slow,
-        pytest.mark.xfail(
-            strict=False, reason="without a level, another model fits elsewhere on the same viewing rays"
-        ),
-    ],
-)
-weak_heights = pytest.mark.parametrize("known", [True, AT_ANY_HEIGHT], ids=["level", "free"])
 
 names = st.sampled_from(["floor", "rack", "fisheye", "pinhole"])
 broken = st.sampled_from([np.nan, np.inf, -np.inf])
@@ -191,9 +181,15 @@ def test_a_start_of_another_model_than_stands_there_gives_no_wrong_row(
 
 
 @pytest.mark.parametrize("name", ["floor", "fisheye", "pinhole"])
-@pytest.mark.xfail(strict=False, reason="edges and contrast of a face tell its model from others not well enough")
-@weak_heights
-def test_another_model_is_never_found(name: str, known: bool, started: Check, scenes: Scenes) -> None:
+@heights
+def test_another_model_is_never_found(
+    name: str, known: bool, started: Check, scenes: Scenes, request: pytest.FixtureRequest
+) -> None:
+    if known:
+        reason = (
+            "on a known level a start's model is not questioned: its place is right, its model may be another one"
+        )
+        request.applymarker(pytest.mark.xfail(strict=False, reason=reason))
     _, pallets, _ = scenes(name)
     starts = [
         Start(model.name, replace(pose, x=pose.x + shift))
@@ -219,7 +215,7 @@ def test_two_starts_on_one_pallet_lead_to_one_pose(
 
 
 @pytest.mark.slow
-@weak_heights
+@heights
 @MANY
 @given(data=st.data(), name=names)
 def test_starts_around_pallets_give_no_wrong_row(

@@ -65,7 +65,7 @@ def test_the_pose_is_found_as_well_as_its_covariance_says(
     assert np.abs(wrong[:3]).max() < 0.012
     assert abs(wrong[3]) < np.radians(1.0)
     assert 0.5 < found.coverage <= 1.0
-    assert found.doubt < 3.0
+    assert found.doubt < 2.5
 
 
 def test_a_fit_ends_where_another_start_has_led(
@@ -151,7 +151,7 @@ def test_a_height_prior_makes_the_place_more_certain(portrait: Portrait, t11: Pa
 def test_one_opening_aside_there_is_doubt(portrait: Portrait, t11: PalletModel) -> None:
     shot = portrait(t11, POSE)
     aside = fitted(shot, t11, moved(POSE, 0.53, 0.0))
-    assert isinstance(aside, Reason) or aside.doubt > FaceFitConfig().max_doubt
+    assert isinstance(aside, Reason) or aside.doubt > 1.2 * FaceFitConfig().max_doubt
 
 
 def test_nothing_is_measured_in_a_plain_image(portrait: Portrait, t11: PalletModel) -> None:

@@ -62,7 +62,7 @@ def test_edges_are_where_the_true_pose_says(name: str, portrait: Portrait, reque
     normalised = offsets / np.array([np.hypot(one.sigma, one.shift.sigma) for one in certain])
     assert np.mean(np.abs(normalised) < 3.0) > 0.7
     level = [one for one in certain if one.edge.horizontal and one.edge.length > 0.5]
-    assert all(abs(one.fit.slope) < np.radians(1.5) for one in level)
+    assert all(abs(one.fit.slope) < np.radians(1.25) for one in level)
 
 
 @pytest.mark.parametrize(("right", "up"), [(0.005, 0.0), (0.0, -0.005), (-0.004, 0.004)])
@@ -85,6 +85,16 @@ def test_a_pixel_is_larger_where_the_face_is_seen_aslant(portrait: Portrait, t11
     straight = np.hypot(distance, 1.85) / 560.0
     assert across[False] > straight
     assert across[True] > straight  # seen from 40 degrees above
+
+
+def test_a_face_is_as_wide_as_its_ends_are_apart_in_the_image(portrait: Portrait, t11: PalletModel) -> None:
+    shot = portrait(t11, POSE)
+    seen = seen_at(shot, POSE, t11)
+    assert seen is not None
+    ends = POSE.transform().apply([[0.0, side * t11.width / 2, t11.height / 2] for side in (-1, 1)])
+    pixels = shot.projector.camera.project(shot.camera_from_forklift.apply(ends)).pixels
+    assert seen.width_px(t11.width) == pytest.approx(float(np.linalg.norm(pixels[1] - pixels[0])), rel=0.03)
+    assert replace(seen, edges=()).width_px(t11.width) == 0.0
 
 
 def test_the_upper_edge_may_be_loaded_from_above_and_not_from_below(t11: PalletModel, portrait: Portrait) -> None:

@@ -139,6 +139,22 @@ def test_a_line_alone_cannot_tell() -> None:
         assert face.hidden() == ()
 
 
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_line_alone_widens_what_others_say(side: float) -> None:
+    face = Face.drawn()
+    ends = (0.25, HALF) if side > 0 else (-HALF, -0.25)
+    face.lose(*ends)
+    top = set(face.rows([EdgeKind.TOP]))
+    face.fits = [None if row in top else fit for row, fit in enumerate(face.fits)]
+    (found,) = face.hidden()
+    np.testing.assert_allclose(found, ends, atol=2 * BIN)
+    assert side * HALF == pytest.approx(found[int(side > 0)])
+    face = Face.drawn()
+    face.fits = [None if row in top else fit for row, fit in enumerate(face.fits)]
+    face.lose(side * HALF - 0.08 * (side > 0), side * HALF + 0.08 * (side < 0))
+    assert face.hidden() == ()
+
+
 def test_upright_lines_have_no_vote() -> None:
     face = Face.drawn()
     face.lose(-HALF, HALF, [EdgeKind.SIDE, EdgeKind.OPENING_SIDE])

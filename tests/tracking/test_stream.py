@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -217,3 +218,22 @@ def test_without_a_time_the_drift_counts_from_the_first_shot() -> None:
     recording, stand = read_recording(SAMPLE), Stand()
     list(stream(RecordingSource(recording), ShelfLocalizer(stand, recording.shelf), PalletTracker()))
     assert stand.shelves[0].drift == 0.0 < stand.shelves[-1].drift
+
+
+def test_the_example_follows_the_pallets_of_the_sample(capsys: pytest.CaptureFixture[str]) -> None:
+    """Three pallets stand there; each is seen in the last shot, about where a single shot puts it."""
+    page = (Path(__file__).resolve().parents[2] / "examples" / "plot_05_stream.py").read_text(encoding="utf-8")
+    first = page.split("# %%")[1]
+    lines = [line for line in first.splitlines() if line and not line.startswith("#")]
+    made: dict[str, Any] = {}
+    exec(compile("\n".join(lines), "example", "exec"), made)
+    printed = capsys.readouterr().out.splitlines()
+    recording, tracker = made["recording"], made["tracker"]
+    last = recording.shots[-1]
+    shelf = shelf_at(recording, last.time, made["localizer"].localizer.config.prior)
+    single = made["localizer"].localizer.localize(recording.image(last), last.time, shelf)
+    states = tracker.tracks(last.time)
+    assert sum(line.endswith(" born") for line in printed) == len(states)
+    for one in single:
+        place = one.forklift_from_pallet.as_array()[:3]
+        assert min(np.linalg.norm(state.pose.as_array()[:3] - place) for state in states) < 0.05

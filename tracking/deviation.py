@@ -69,22 +69,48 @@ def track_deviations(run: TrackedRecording, truth: Truth | None = None) -> tuple
     tuple of TrackDeviations
         In the order of their numbers.
     """
-    confirmed = sorted({row.track for row in run.rows if row.status is not Status.TENTATIVE})
-    return tuple(_deviations(run, truth, number) for number in confirmed)
+    rows, later = _by_track(run.rows), _by_track(run.smoothed_rows)
+    near = _measured_by_track(run)
+    confirmed = (number for number in sorted(rows) if any(one.status is not Status.TENTATIVE for one in rows[number]))
+    return tuple(
+        _deviations(run, truth, rows[number], later.get(number, []), near.get(number, [])) for number in confirmed
+    )
 
 
-def _deviations(run: TrackedRecording, truth: Truth | None, number: int) -> TrackDeviations:
-    rows = [row for row in run.rows if row.track == number]
-    later = [row for row in run.smoothed_rows if row.track == number]
+def _by_track(rows: Iterable[TrackRow]) -> dict[int, list[TrackRow]]:
+    by_track: dict[int, list[TrackRow]] = {}
+    for row in rows:
+        by_track.setdefault(row.track, []).append(row)
+    return by_track
+
+
+def _measured_by_track(run: TrackedRecording) -> dict[int, list[PalletMeasurement]]:
+    """Return the measurements of each shot by the track that they are nearest to."""
+    rows = {one.shot.time: one.rows for one in run.shots}
+    by_track: dict[int, list[PalletMeasurement]] = {}
+    for one in run.measured:
+        apart = {row.track: _apart(row.pose, one.forklift_from_pallet) for row in rows.get(one.time, ())}
+        nearest = min(apart, key=lambda number: apart[number], default=None)
+        if nearest is not None and apart[nearest] < PAIRING_DISTANCE:
+            by_track.setdefault(nearest, []).append(one)
+    return by_track
+
+
+def _deviations(
+    run: TrackedRecording,
+    truth: Truth | None,
+    rows: Sequence[TrackRow],
+    later: Sequence[TrackRow],
+    near: Sequence[PalletMeasurement],
+) -> TrackDeviations:
     pallet = None if truth is None else _true_pallet(rows, truth)
     if truth is not None and pallet is not None:
         name, reference = pallet.id, _by_truth(truth, pallet)
     else:
         name, reference = "", _by_end((later or rows)[-1], run)
-    near = [one for one in run.measured if _track_of(one, run.rows) == number]
     first, last = (math.hypot(row.pose.x, row.pose.y) for row in (rows[0], rows[-1]))
     return TrackDeviations(
-        number,
+        rows[-1].track,
         rows[-1].model,
         name,
         (first, last),
@@ -129,13 +155,6 @@ def _by_end(end: TrackRow, run: TrackedRecording) -> Reference:
         return level_pose(pose.transform().inv() * last.transform() * end.pose.transform())
 
     return at
-
-
-def _track_of(one: PalletMeasurement, rows: Iterable[TrackRow]) -> int | None:
-    """Return the track that a measurement is nearest to in its shot."""
-    apart = {row.track: _apart(row.pose, one.forklift_from_pallet) for row in rows if row.time == one.time}
-    nearest = min(apart, key=lambda number: apart[number], default=None)
-    return nearest if nearest is not None and apart[nearest] < PAIRING_DISTANCE else None
 
 
 def _apart(one: LevelPose, other: LevelPose) -> float:

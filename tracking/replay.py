@@ -128,9 +128,12 @@ class Replay:
         return final
 
     def _carry_base(self, horizon: float) -> None:
-        """Carry what is believed along while no shot comes, so that old odometry can be dropped."""
+        """Carry what is believed along while no shot comes, so that old odometry can be dropped.
+
+        Where a look is kept, its step began at the base as it is; it takes the base's place before long.
+        """
         time = self.base.time
-        if time is None or horizon - time < self._rules.config.window.window_s:
+        if time is None or self.looks or horizon - time < self._rules.config.window.window_s:
             return
         until = self.path.last_before(horizon)
         motion = None if until is None or until <= time else self.path.motion(time, until)

@@ -2,12 +2,29 @@
 
 import sys
 
-from palletloc.cli.app import run
+from palletloc.cli.app import COMMANDS as OWN_COMMANDS
+from palletloc.cli.app import Command, run
+
+_TRACK = Command("track", "tracking.cli:track", "Follow the pallets of a recording from shot to shot.")
+_CONFIG = Command("config", "tracking.cli:config", "Print every parameter with its default.")
+
+
+def _with_others() -> tuple[Command, ...]:
+    """Return the commands of all packages; a name that stands in two of them means the one that knows more."""
+    commands = {command.name: command for command in OWN_COMMANDS}
+    names = list(commands)
+    names.insert(names.index("localize") + 1, _TRACK.name)
+    commands |= {command.name: command for command in (_TRACK, _CONFIG)}
+    return tuple(commands[name] for name in names)
+
+
+COMMANDS = _with_others()
+"""The commands of the program, in the order in which help lists them."""
 
 
 def main() -> None:
     """Run the command line and exit with its code."""
-    sys.exit(run(sys.argv[1:]))
+    sys.exit(run(sys.argv[1:], COMMANDS))
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from enum import StrEnum
 
@@ -49,6 +50,10 @@ class PriorConfig:
     """How fast the odometry's heading may drift, in degrees per second."""
     max_drift_deg: float = 4.0
     """How far it may drift in all, in degrees."""
+
+    def drift_after(self, duration: float) -> float:
+        """Return how far the odometry's heading may have drifted after some time, in radians."""
+        return math.radians(min(self.drift_rate_deg_s * abs(duration), self.max_drift_deg))
 
 
 @dataclass(frozen=True, slots=True)

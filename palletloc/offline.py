@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 
-import numpy as np
-
 from palletloc.config import LocalizerConfig, Method, PriorConfig
 from palletloc.errors import PalletLocError, nearest_name
 from palletloc.geometry import Image
@@ -167,8 +165,7 @@ def shelf_at(recording: Recording, time: float, prior: PriorConfig) -> ShelfPlan
     except TrajectoryError as error:
         raise ShotError(f"{recording.folder / ODOMETRY}: {error}") from error
     start, _ = recording.odometry.span
-    drift_deg = min(prior.drift_rate_deg_s * abs(time - start), prior.max_drift_deg)
-    return recording.shelf.seen_from(odom_from_forklift, float(np.radians(drift_deg)))
+    return recording.shelf.seen_from(odom_from_forklift, prior.drift_after(time - start))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,10 +10,14 @@ import pytest
 import typer
 import yaml
 
-from palletloc.cli.app import COMMANDS, Command
+from palletloc.__main__ import COMMANDS
+from palletloc.cli.app import Command
 from palletloc.config import LocalizerConfig, Method
 from palletloc.io.config_file import read_config
 from palletloc.measurement import Reason, Stage
+from tracking.events import EventKind
+from tracking.files import EVENT_COLUMNS, TRACK_COLUMNS
+from tracking.parameters import read_tracker_config
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 REFUSALS = (DOCS / "refusals.md").read_text(encoding="utf-8")
@@ -84,3 +88,19 @@ def test_the_example_of_a_file_of_parameters_can_be_read(tmp_path: Path) -> None
     config = read_config(path)
     assert config != LocalizerConfig()
     assert config.detection.max_range == yaml.safe_load(example)["detection"]["max_range"]
+    hits = read_tracker_config(path).life.confirm_hits
+    assert hits == yaml.safe_load(example)["tracker"]["life"]["confirm_hits"]
+
+
+@pytest.mark.parametrize("columns", [TRACK_COLUMNS, EVENT_COLUMNS], ids=["tracks", "events"])
+def test_the_columns_of_a_table_are_listed(columns: tuple[str, ...]) -> None:
+    assert f"`{','.join(columns)}`" in (DOCS / "files.md").read_text(encoding="utf-8").splitlines()
+
+
+def test_every_event_is_explained() -> None:
+    (section,) = re.findall(
+        r"^### events.csv\n(.*?)^## ", (DOCS / "files.md").read_text(encoding="utf-8"), re.M | re.S
+    )
+    _, rows = section.split("| `event` | means |")
+    explained = [cell for row in rows.splitlines() for cell in re.findall(r"`(\w+)`", row.rpartition(" | ")[0])]
+    assert sorted(explained) == sorted(EventKind)

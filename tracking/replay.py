@@ -39,10 +39,13 @@ class Replay:
         Parameters, filter and sizes.
     base : Belief
         What was believed before the first look that is kept.
+    past : list of Belief, optional
+        Takes up what was believed after every step that is final.
     """
 
-    def __init__(self, rules: Rules, base: Belief) -> None:
+    def __init__(self, rules: Rules, base: Belief, past: list[Belief] | None = None) -> None:
         self._rules = rules
+        self._past = past
         self.path = DrivenPath(rules.config.odometry, rules.config.path)
         self.base = base
         self.looks: list[Look] = []
@@ -117,17 +120,24 @@ class Replay:
         final = tuple(self.looks[:count])
         if count:
             self.base = self.beliefs[count - 1]
+            if self._past is not None:
+                self._past += self.beliefs[:count]
             del self.looks[:count], self.beliefs[:count], self._times[:count]
         self._carry_base(horizon)
         self.path.forget_before(horizon if self.base.time is None else min(self.base.time, horizon))
         return final
 
     def _carry_base(self, horizon: float) -> None:
-        """Carry what is believed along while no shot comes, so that old odometry can be dropped."""
+        """Carry what is believed along while no shot comes, so that old odometry can be dropped.
+
+        Where a look is kept, its step began at the base as it is; it takes the base's place before long.
+        """
         time = self.base.time
-        if time is None or horizon - time < self._rules.config.window.window_s:
+        if time is None or self.looks or horizon - time < self._rules.config.window.window_s:
             return
         until = self.path.last_before(horizon)
         motion = None if until is None or until <= time else self.path.motion(time, until)
         if until is not None and motion is not None:
             self.base = carried(self.base, motion, until, self._rules)
+            if self._past is not None:
+                self._past.append(self.base)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 
+from palletloc.geometry import LevelPose
 from palletloc.measurement import PalletMeasurement
 from palletloc.pallet import PalletModel
 from tracking.answers import TrackState, states_at
@@ -15,6 +16,7 @@ from tracking.events import Event, EventKind
 from tracking.faults import BadInputError, UnknownTrackError
 from tracking.filter import PalletFilter
 from tracking.footprint import Footprints
+from tracking.history import History, Moment
 from tracking.news import News
 from tracking.observation import Observation, PartialMeasurement, observe
 from tracking.odometry import Odometry, check_odometry
@@ -37,6 +39,8 @@ class PalletTracker:
         Parameters.
     models : iterable of PalletModel, optional
         The pallets of the site; measurements of others are rejected. If left out, every model's are taken.
+    keep_history : bool
+        Whether all that was believed is kept, to be smoothed at the end. Takes memory for every shot.
 
     Examples
     --------
@@ -56,11 +60,18 @@ class PalletTracker:
     1.9
     """
 
-    def __init__(self, config: TrackerConfig | None = None, models: Iterable[PalletModel] | None = None) -> None:
+    def __init__(
+        self,
+        config: TrackerConfig | None = None,
+        models: Iterable[PalletModel] | None = None,
+        *,
+        keep_history: bool = False,
+    ) -> None:
         self.config = config or TrackerConfig()
         self._rules = Rules(self.config, PalletFilter(self.config), Footprints(models))
         self._clock = Clock(self.config.window)
-        self._replay = Replay(self._rules, Belief())
+        self._history = History() if keep_history else None
+        self._replay = self._new_replay()
         self._news = News(self.config.life)
 
     @property
@@ -152,6 +163,37 @@ class PalletTracker:
             raise UnknownTrackError(f"tracks at {time:.6g} s: expected a time from {belief.time:.6g} s on")
         return states_at(time, belief, self._replay.path, self._news.names.numbers, self._rules)
 
+    def odom_from_forklift(self, at: float) -> LevelPose | None:
+        """Return where the forklift was by its odometry.
+
+        Parameters
+        ----------
+        at : float
+            When, in seconds.
+
+        Returns
+        -------
+        LevelPose or None
+            None where odometry does not reach that time, or its samples have no poses.
+        """
+        path = self._replay.path
+        return path.pose_at(at) if path.reaches(at) else None
+
+    def history(self) -> tuple[Moment, ...]:
+        """Return the tracks after every step so far, in the order of time.
+
+        Raises
+        ------
+        ValueError
+            If the tracker was not made to keep it.
+        """
+        if self._history is None:
+            raise ValueError("the tracker was made without keep_history=True")
+        return self._history.moments(self._replay.beliefs, self._news.names.numbers)
+
+    def _new_replay(self) -> Replay:
+        return Replay(self._rules, Belief(), None if self._history is None else self._history.final)
+
     def _push(self, inputs: Sequence[Input]) -> list[Event]:
         """Take inputs that come together: their steps are done once."""
         events: list[Event] = []
@@ -164,6 +206,8 @@ class PalletTracker:
         events += self._news.of_steps(self._replay, first)
         events += self._news.of_lives(self._replay, self._clock.newest)
         final = self._replay.forget_before(self._clock.horizon)
+        if self._history is not None:
+            self._history.name(self._news.names.numbers)
         return events + self._news.of_final(self._replay, final)
 
     def _taken(self, given: Input) -> tuple[list[Event], float]:
@@ -219,5 +263,5 @@ class PalletTracker:
 
     def _restarted(self, time: float) -> list[Event]:
         """Forget everything but the numbers given so far."""
-        self._replay = Replay(self._rules, Belief())
+        self._replay = self._new_replay()
         return self._news.of_restart(time)

@@ -50,17 +50,44 @@ def localize(
     console = Console(stderr=True)
     tally = Tally()
     output = RunFolder(out, run, recording, job.shots, resume=resume)
+    fill(output, job, tally, console, strict=strict, verbose=verbose)
+    stdout = Console()
+    stdout.print(tally.table(output.done, len(output.skipped)))
+    stdout.print(Text(f"results: {out}"), soft_wrap=True)
+
+
+def fill(
+    output: RunFolder, job: Job, tally: Tally, console: Console, *, strict: bool = False, verbose: bool = False
+) -> None:
+    """Localize the pallets of every shot that is left to do, and show how far that is.
+
+    Parameters
+    ----------
+    output : RunFolder
+        Of the job's shots; not open yet.
+    job : Job
+        What to work through.
+    tally : Tally
+        Takes the counts.
+    console : Console
+        For progress and warnings.
+    strict, verbose : bool
+        As the command's options.
+
+    Raises
+    ------
+    PalletLocError
+        As `palletloc.offline.work_through`.
+    """
     try:
         with output:
             tally.done_before = output.done
             _follow(job, output, tally, console, strict=strict, verbose=verbose)
     except KeyboardInterrupt:
         if output.done:
-            _say(console, f"{output.done} of {len(job.shots)} shots are kept in {out}; --resume goes on")
+            kept = f"{output.done} of {len(job.shots)} shots are kept in {output.folder}"
+            _say(console, f"{kept}; --resume goes on")
         raise
-    stdout = Console()
-    stdout.print(tally.table(output.done, len(output.skipped)))
-    stdout.print(Text(f"results: {out}"), soft_wrap=True)
 
 
 @dataclass(slots=True)

@@ -1,12 +1,13 @@
 """Parameters in a yaml file: any part of them overrides the defaults, and all of them can be written.
 
-The keys are the fields of `palletloc.config.LocalizerConfig` and of its parts.
+The keys are the fields of `palletloc.config.LocalizerConfig` and of its parts. Beside them the file may have sections
+of packages that build on this one; whoever reads the one passes over the other.
 """
 
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import fields, is_dataclass
 from enum import StrEnum
 from fnmatch import fnmatchcase
@@ -24,7 +25,13 @@ from palletloc.io.yaml_document import Document, Numbers, read_document
 
 _Config = TypeVar("_Config")
 
-_RANGES: tuple[tuple[str, float, float], ...] = (
+OTHER_SECTIONS = ("tracker",)
+"""Keys at the top level that other packages read."""
+
+Ranges = Sequence[tuple[str, float, float]]
+"""Least and greatest value of each parameter, by its name; the first pattern that fits holds."""
+
+_RANGES: Ranges = (
     ("hough_step_deg", 0.02, 10),
     ("*sigma_deg", 0.01, 90),
     ("*_deg", 0, 180),
@@ -53,10 +60,8 @@ _RANGES: tuple[tuple[str, float, float], ...] = (
     ("max_places", 1, 10000),
     ("*", 0, 100),
 )
-"""Least and greatest value of each parameter, by its name; the first pattern that fits holds.
-
-A guard against zero where it divides and against other units, far from values that make sense. Counts begin
-at 1.
+"""A guard against zero where it divides and against other units, far from values that make sense. Counts begin at 1
+unless their own name stands there.
 """
 _HEADER = (
     "Parameters of the localization. A file for --config may hold any part of this;"
@@ -84,7 +89,38 @@ def read_config(path: Path) -> LocalizerConfig:
         If the file cannot be read, a key is unknown (names the nearest), or a value is of the wrong kind or
         out of range; names the key.
     """
-    return _built(LocalizerConfig, read_document(path, _schema(LocalizerConfig)))
+    return _built(LocalizerConfig, read_document(path, _whole(_schema(LocalizerConfig, _RANGES), OTHER_SECTIONS)))
+
+
+def read_section(path: Path, name: str, kind: type[_Config], ranges: Ranges) -> _Config:
+    """Read the parameters of another package from the same file.
+
+    Parameters
+    ----------
+    path : Path
+        A yaml file with nested keys.
+    name : str
+        One of `OTHER_SECTIONS`.
+    kind : type
+        A dataclass whose fields all have defaults, and may be such dataclasses themselves.
+    ranges : Ranges
+        Of its parameters.
+
+    Returns
+    -------
+    dataclass
+        The section's values, and the defaults of all others; the other sections are not looked at.
+
+    Raises
+    ------
+    InputError
+        As `read_config`.
+    """
+    part = _schema(kind, ranges)
+    others = [*get_type_hints(LocalizerConfig), *(one for one in OTHER_SECTIONS if one != name)]
+    keys: dict[str, Any] = {name: (part, Field(default_factory=part))}
+    document = read_document(path, _whole(create_model(kind.__name__, __base__=Document, **keys), others))
+    return _built(kind, getattr(document, name))
 
 
 def format_config(config: LocalizerConfig | None = None) -> str:
@@ -104,38 +140,63 @@ def format_config(config: LocalizerConfig | None = None) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _schema(kind: type[Any]) -> type[Document]:
+def format_section(name: str, values: Any, meaning: str) -> str:
+    """Return a section of another package as text that may follow that of `format_config`.
+
+    Parameters
+    ----------
+    name : str
+        Its key.
+    values : dataclass
+        The values.
+    meaning : str
+        What it is, for the comment above the key.
+
+    Returns
+    -------
+    str
+        What `read_section` reads back unchanged.
+    """
+    lines = [*_comment(meaning, ""), f"{name}:", *_lines(values, type(values)(), "  ")]
+    return "\n".join(lines) + "\n"
+
+
+def _whole(part: type[Document], others: Iterable[str]) -> type[Document]:
+    """Return what a file may say of which only a part is looked at."""
+    keys: dict[str, Any] = dict.fromkeys(others, (Any, None))
+    return create_model(part.__name__, __base__=part, **keys)
+
+
+def _schema(kind: type[Any], ranges: Ranges) -> type[Document]:
     """Return what a file may say about a dataclass whose fields all have defaults."""
     defaults = kind()
     keys: dict[str, Any] = {}
     for name, hint in get_type_hints(kind).items():
         default = getattr(defaults, name)
         if is_dataclass(default):
-            part = _schema(type(default))
+            part = _schema(type(default), ranges)
             keys[name] = (part, Field(default_factory=part))
         else:
-            keys[name] = (_checked(name, hint), default)
+            keys[name] = (_checked(name, hint, ranges), default)
     return create_model(kind.__name__, __base__=Document, **keys)
 
 
-def _checked(name: str, hint: Any) -> Any:
+def _checked(name: str, hint: Any, ranges: Ranges) -> Any:
     """Return the type of a parameter with its checks."""
     if isinstance(hint, type) and issubclass(hint, StrEnum):
         return hint
-    low, high = _range_of(name)
+    pattern, low, high = next(one for one in ranges if fnmatchcase(name, one[0]))
     if hint is float:
         return Annotated[float, BeforeValidator(Numbers()), AfterValidator(_Range(low, high))]
     if hint is bool:
         return Annotated[bool, Field(strict=True)]
     if hint is int:
-        return Annotated[int, Field(strict=True), AfterValidator(_Range(max(low, 1), high))]
+        return Annotated[
+            int, Field(strict=True), AfterValidator(_Range(low if pattern == name else max(low, 1), high))
+        ]
     if get_origin(hint) is tuple and get_args(hint) == (float, float):
         return Annotated[hint, BeforeValidator(Numbers(2)), AfterValidator(_Range(low, high))]
     raise TypeError(f"{name}: a parameter of the type {hint} has no form in files")
-
-
-def _range_of(name: str) -> tuple[float, float]:
-    return next((low, high) for pattern, low, high in _RANGES if fnmatchcase(name, pattern))
 
 
 class _Range:

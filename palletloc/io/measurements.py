@@ -52,12 +52,22 @@ def measurement_cells(measured: PalletMeasurement | NoPose) -> list[str]:
     cells = [format_time(measured.time), measured.file, measured.model]
     if isinstance(measured, NoPose):
         return cells + [""] * len(_RESULT_COLUMNS)
-    pose, covariance = measured.forklift_from_pallet.as_array(), measured.covariance[_UPPER]
-    if not np.isfinite(covariance).all():
-        raise ValueError(f"expected a finite covariance to write, got {measured.covariance}")
-    cells += [format_number(float(value)) for value in pose]
-    cells += [f"{value + 0.0:.6e}" for value in covariance]
+    cells += pose_cells(measured.forklift_from_pallet, measured.covariance)
     return [*cells, format_number(measured.score, 4), str(measured.yaw_from)]
+
+
+def pose_cells(pose: LevelPose, covariance: FloatArray) -> list[str]:
+    """Return the cells of `POSE_COLUMNS` and `COVARIANCE_COLUMNS`.
+
+    Raises
+    ------
+    ValueError
+        If a value is not finite.
+    """
+    if not np.isfinite(covariance).all():
+        raise ValueError(f"expected a finite covariance to write, got {covariance}")
+    cells = [format_number(float(value)) for value in pose.as_array()]
+    return cells + [f"{value + 0.0:.6e}" for value in covariance[_UPPER]]
 
 
 def refusal_cells(refusal: Refusal) -> list[str]:
@@ -118,14 +128,21 @@ def _measurement(row: Row) -> PalletMeasurement | NoPose:
         time,
         model,
         read_pose(row),
-        _covariance(row),
+        read_covariance(row),
         row.number("score"),
         row.choice("yaw_from", YawSource),
         file,
     )
 
 
-def _covariance(row: Row) -> FloatArray:
+def read_covariance(row: Row) -> FloatArray:
+    """Return the (4, 4) covariance of a row that has `COVARIANCE_COLUMNS`.
+
+    Raises
+    ------
+    TableError
+        If a cell is not a finite number, or a variance is negative.
+    """
     covariance = np.zeros((4, 4))
     covariance[_UPPER] = row.numbers(COVARIANCE_COLUMNS)
     covariance += np.triu(covariance, 1).T

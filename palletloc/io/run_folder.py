@@ -130,6 +130,11 @@ class RunFolder:
         return self
 
     @property
+    def folder(self) -> Path:
+        """Where the files go."""
+        return self._folder
+
+    @property
     def done(self) -> int:
         """How many shots are finished, those of the resumed run included."""
         return len(self._done)

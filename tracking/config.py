@@ -78,6 +78,30 @@ class WindowConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class LatencyConfig:
+    """How the camera's latency is estimated."""
+
+    search_s: float = 0.3
+    """How far the camera's time may be off. Odometry that far around a shot is needed, inside the window."""
+    span_s: float = 30.0
+    """From how long ago on shots are compared."""
+    spacing_s: float = 0.1
+    """Least time between two shots that are kept."""
+    max_sightings: int = 60
+    """Measurements that are compared at most, taken evenly from all; the cost grows with their third power."""
+    every: int = 10
+    """After how many shots the estimate is made again."""
+    max_gap_s: float = 0.25
+    """Time between two samples of odometry above which speed in between is not known."""
+    max_sigma_s: float = 0.03
+    """Standard deviation above which nothing is said."""
+    least_s: float = 0.005
+    """Smallest latency worth an event."""
+    significance: float = 3.0
+    """How many standard deviations it has to be."""
+
+
+@dataclass(frozen=True, slots=True)
 class TrackerConfig:
     """Parameters of the tracker."""
 
@@ -95,3 +119,5 @@ class TrackerConfig:
     """When a track is believed, and when it ends."""
     window: WindowConfig = field(default_factory=WindowConfig)
     """Which inputs are in time."""
+    latency: LatencyConfig = field(default_factory=LatencyConfig)
+    """How the camera's latency is estimated."""

@@ -119,7 +119,8 @@ class Replay:
             self.base = self.beliefs[count - 1]
             del self.looks[:count], self.beliefs[:count], self._times[:count]
         self._carry_base(horizon)
-        self.path.forget_before(horizon if self.base.time is None else min(self.base.time, horizon))
+        needed = horizon if self.base.time is None else min(self.base.time, horizon)
+        self.path.forget_before(needed - self._rules.config.latency.search_s)
         return final
 
     def _carry_base(self, horizon: float) -> None:

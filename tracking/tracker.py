@@ -15,6 +15,8 @@ from tracking.events import Event, EventKind
 from tracking.faults import BadInputError, UnknownTrackError
 from tracking.filter import PalletFilter
 from tracking.footprint import Footprints
+from tracking.latency import LatencyEstimate
+from tracking.latency_watch import LatencyWatch
 from tracking.news import News
 from tracking.observation import Observation, PartialMeasurement, observe
 from tracking.odometry import Odometry, check_odometry
@@ -62,6 +64,7 @@ class PalletTracker:
         self._clock = Clock(self.config.window)
         self._replay = Replay(self._rules, Belief())
         self._news = News(self.config.life)
+        self._latency = LatencyWatch(self.config)
 
     @property
     def newest(self) -> float | None:
@@ -152,6 +155,18 @@ class PalletTracker:
             raise UnknownTrackError(f"tracks at {time:.6g} s: expected a time from {belief.time:.6g} s on")
         return states_at(time, belief, self._replay.path, self._news.names.numbers, self._rules)
 
+    def latency(self) -> LatencyEstimate:
+        """Return how much later than their exposure shots are stamped, as the last half minute tells.
+
+        Shots count from when they are older than the window. An event says when a latency shows or changes.
+
+        Returns
+        -------
+        LatencyEstimate
+            Beyond what `MeasurementErrors.latency_s` says already; not observable where speed did not vary.
+        """
+        return self._latency.estimate()
+
     def _push(self, inputs: Sequence[Input]) -> list[Event]:
         """Take inputs that come together: their steps are done once."""
         events: list[Event] = []
@@ -163,6 +178,7 @@ class PalletTracker:
         first = self._replay.run(changed)
         events += self._news.of_steps(self._replay, first)
         events += self._news.of_lives(self._replay, self._clock.newest)
+        events += self._latency.of_final(self._replay, self._clock.horizon)
         final = self._replay.forget_before(self._clock.horizon)
         return events + self._news.of_final(self._replay, final)
 
@@ -220,4 +236,5 @@ class PalletTracker:
     def _restarted(self, time: float) -> list[Event]:
         """Forget everything but the numbers given so far."""
         self._replay = Replay(self._rules, Belief())
+        self._latency = LatencyWatch(self.config)
         return self._news.of_restart(time)

@@ -1,0 +1,149 @@
+"""Simulated drives past pallets, with the errors that the tracker's parameters state."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from palletloc.geometry import FloatArray, LevelPose, wrap_angle
+from palletloc.measurement import PalletMeasurement, YawSource
+from tracking import Odometry
+from tracking.config import TrackerConfig
+from tracking.motion import Twist
+from tracking.observation import observe
+
+ODOMETRY_RATE = 50.0
+FINE = 2
+
+
+@dataclass(frozen=True)
+class Drive:
+    odometry: list[Odometry]
+    measurements: list[PalletMeasurement]
+    truth: FloatArray
+    """(measurements, 4) true forklift_from_pallet at the true exposure."""
+    scale: float
+    """Truth: how much longer ways are than odometry says."""
+    bias: float
+    """Truth: how much faster it turns than odometry says, in rad/s."""
+    numbers: list[int]
+    """Which pallet each measurement is of."""
+
+
+Rates = Callable[[float], tuple[float, float]]
+
+
+def true_poses(rates: Rates, times: FloatArray) -> FloatArray:
+    poses = np.zeros((len(times), 3))
+    for i in range(1, len(times)):
+        step = times[i] - times[i - 1]
+        speed, turn = rates(times[i - 1] + step / 2)
+        dx, dy, angle = Twist(speed, 0.0, turn).after(step)
+        x, y, yaw = poses[i - 1]
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        poses[i] = [x + cos * dx - sin * dy, y + sin * dx + cos * dy, yaw + angle]
+    return poses
+
+
+def sampled_odometry(
+    config: TrackerConfig, times: FloatArray, poses: FloatArray, constants: FloatArray, rng: np.random.Generator
+) -> list[Odometry]:
+    noise, measured = config.odometry, np.zeros(3)
+    samples = [Odometry(float(times[0]), LevelPose(0.0, 0.0, 0.0, 0.0))]
+    for (x0, y0, a0), (x, y, a), step in zip(poses[:-1], poses[1:], np.diff(times), strict=True):
+        cos, sin = math.cos(a0), math.sin(a0)
+        way = np.array([cos * (x - x0) + sin * (y - y0), cos * (y - y0) - sin * (x - x0), a - a0])
+        path = math.hypot(way[0], way[1])
+        sigmas = np.sqrt(
+            [
+                (1e-3 * noise.distance_mm_per_sqrt_m) ** 2 * path + (1e-3 * noise.speed_mm_per_sqrt_s) ** 2 * step,
+                (1e-3 * noise.slip_mm_per_sqrt_m) ** 2 * path,
+                math.radians(noise.gyro_random_walk_deg_per_sqrt_s) ** 2 * step,
+            ]
+        )
+        way[:2] /= 1 + constants[0]
+        way[2] -= constants[1] * step
+        way += sigmas * rng.standard_normal(3) * (path > 0)
+        cos, sin = math.cos(measured[2]), math.sin(measured[2])
+        measured = measured + np.array([cos * way[0] - sin * way[1], sin * way[0] + cos * way[1], way[2]])
+        time = float(times[len(samples)])
+        samples.append(Odometry(time, LevelPose(measured[0], measured[1], 0.0, wrap_angle(float(measured[2])))))
+    return samples
+
+
+@dataclass
+class _Sighted:
+    place: LevelPose
+    model: str
+    path: float = -math.inf
+    shared: FloatArray | None = None
+
+
+def _seen(
+    true: FloatArray, stamp: float, covariance: FloatArray, pallet: _Sighted, path: float, config: TrackerConfig,
+    rng: np.random.Generator,
+) -> PalletMeasurement:  # fmt: skip
+    exact = PalletMeasurement(stamp, pallet.model, LevelPose(*true), covariance, 0.9, YawSource.FACE)
+    parts = observe(exact, config.errors)
+    fresh = rng.standard_normal(4)
+    stays = 0.0 if pallet.shared is None else math.exp((pallet.path - path) / config.errors.common_path_m)
+    before = np.zeros(4) if pallet.shared is None else pallet.shared
+    pallet.shared, pallet.path = stays * before + math.sqrt(1 - stays**2) * fresh, path
+    error = parts.common @ pallet.shared + np.linalg.cholesky(parts.own) @ rng.standard_normal(4)
+    x, y, z, yaw = true + error
+    pose = LevelPose(float(x), float(y), float(z), wrap_angle(float(yaw)))
+    return PalletMeasurement(stamp, pallet.model, pose, covariance, 0.9, YawSource.FACE)
+
+
+def drive(
+    seed: int,
+    rates: Rates,
+    places: Sequence[LevelPose],
+    duration: float = 20.0,
+    every: float = 0.25,
+    latency: float = 0.0,
+    config: TrackerConfig | None = None,
+    factor: float = 1.0,
+) -> Drive:
+    """Draw a drive; `factor` is how many times the stated covariance the true one of the measurements is."""
+    config = config or TrackerConfig()
+    rng = np.random.default_rng(seed)
+    constants = config.odometry.constants * rng.standard_normal(2)
+    fine = np.arange(round(duration * ODOMETRY_RATE) * FINE + 1) / (ODOMETRY_RATE * FINE)
+    poses = true_poses(rates, fine)
+    odometry = sampled_odometry(config, fine[::FINE], poses[::FINE], constants, rng)
+    paths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))])
+    pallets = [_Sighted(place, "epal1-1200") for place in places]
+    sigmas = np.array([0.006, 0.006, 0.004, math.radians(0.25)])
+    measurements, truth, numbers = [], [], []
+    for exposed in np.arange(0.5, duration - 0.5, every):
+        x, y, yaw = (float(np.interp(exposed, fine, column)) for column in poses.T)
+        path = float(np.interp(exposed, fine, paths))
+        for number, pallet in enumerate(pallets):
+            cos, sin = math.cos(yaw), math.sin(yaw)
+            away = pallet.place.x - x, pallet.place.y - y
+            true = np.array(
+                [
+                    cos * away[0] + sin * away[1],
+                    cos * away[1] - sin * away[0],
+                    pallet.place.z,
+                    wrap_angle(pallet.place.yaw - yaw),
+                ]
+            )
+            seen = _seen(true, exposed + latency, factor * np.diag(sigmas**2), pallet, path, config, rng)
+            stated = PalletMeasurement(
+                seen.time, seen.model, seen.forklift_from_pallet, np.diag(sigmas**2), 0.9, seen.yaw_from
+            )
+            measurements.append(stated)
+            truth.append(true)
+            numbers.append(number)
+    return Drive(odometry, measurements, np.array(truth), float(constants[0]), float(constants[1]), numbers)
+
+
+@pytest.fixture(scope="session")
+def draw_drive() -> Callable[..., Drive]:
+    return drive

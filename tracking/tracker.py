@@ -20,6 +20,7 @@ from tracking.latency_watch import LatencyWatch
 from tracking.news import News
 from tracking.observation import Observation, PartialMeasurement, observe
 from tracking.odometry import Odometry, check_odometry
+from tracking.odometry_errors import OdometryErrors, odometry_errors
 from tracking.replay import Look, Replay
 from tracking.shot_taken import ShotTaken
 
@@ -166,6 +167,16 @@ class PalletTracker:
             Beyond what `MeasurementErrors.latency_s` says already; not observable where speed did not vary.
         """
         return self._latency.estimate()
+
+    def odometry_errors(self) -> OdometryErrors:
+        """Return what the live tracks have learnt of odometry's constant errors.
+
+        Returns
+        -------
+        OdometryErrors
+            Wheel scale and gyro bias with their covariance; with a track's end goes what it knew.
+        """
+        return odometry_errors([track.state for track in self._replay.current.tracks], self.config)
 
     def _push(self, inputs: Sequence[Input]) -> list[Event]:
         """Take inputs that come together: their steps are done once."""

@@ -37,6 +37,8 @@ class GateConfig:
     """Part of a track's measurements that count in full; the Huber weight of the others falls with their distance."""
     adapt_over: int = 12
     """Over how many measurements innovations are compared with their covariance; 0 takes that as it is."""
+    adapt_from: int = 3
+    """After how many of them a covariance may be found too small; too large only after all."""
     adapt_probability: float = 0.99
     """How sure it must be that the covariances are wrong before they are scaled."""
     min_scale: float = 0.5

@@ -62,7 +62,8 @@ def sampled_odometry(
             [
                 (1e-3 * noise.distance_mm_per_sqrt_m) ** 2 * path + (1e-3 * noise.speed_mm_per_sqrt_s) ** 2 * step,
                 (1e-3 * noise.slip_mm_per_sqrt_m) ** 2 * path,
-                math.radians(noise.gyro_random_walk_deg_per_sqrt_s) ** 2 * step,
+                math.radians(noise.gyro_random_walk_deg_per_sqrt_s) ** 2 * step
+                + math.radians(noise.turn_deg_per_sqrt_turn) ** 2 * abs(way[2]) / (2 * math.pi),
             ]
         )
         way[:2] /= 1 + constants[0]

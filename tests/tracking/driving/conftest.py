@@ -12,9 +12,8 @@ import pytest
 from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 from palletloc.measurement import PalletMeasurement, YawSource
 from tracking import Odometry
-from tracking.config import TrackerConfig
+from tracking.config import MeasurementErrors, TrackerConfig
 from tracking.motion import Twist
-from tracking.observation import observe
 
 ODOMETRY_RATE = 50.0
 FINE = 2
@@ -79,25 +78,30 @@ def sampled_odometry(
 @dataclass
 class _Sighted:
     place: LevelPose
-    model: str
     path: float = -math.inf
     shared: FloatArray | None = None
 
 
-def _seen(
-    true: FloatArray, stamp: float, covariance: FloatArray, pallet: _Sighted, path: float, config: TrackerConfig,
+def _error(
+    covariance: FloatArray,
+    pallet: _Sighted,
+    path: float,
+    yaw: float,
+    errors: MeasurementErrors,
     rng: np.random.Generator,
-) -> PalletMeasurement:  # fmt: skip
-    exact = PalletMeasurement(stamp, pallet.model, LevelPose(*true), covariance, 0.9, YawSource.FACE)
-    parts = observe(exact, config.errors)
+) -> FloatArray:
+    """Draw an error of a diagonal covariance, alike in x and y; a part of it stays along the pallet's axes."""
+    variances = np.diag(covariance)
+    limits = np.array([errors.common_position_m] * 3 + [math.radians(errors.common_yaw_deg)]) ** 2
+    common = np.minimum(limits, errors.max_common_share * variances)
     fresh = rng.standard_normal(4)
-    stays = 0.0 if pallet.shared is None else math.exp((pallet.path - path) / config.errors.common_path_m)
+    stays = 0.0 if pallet.shared is None else math.exp((pallet.path - path) / errors.common_path_m)
     before = np.zeros(4) if pallet.shared is None else pallet.shared
     pallet.shared, pallet.path = stays * before + math.sqrt(1 - stays**2) * fresh, path
-    error = parts.common @ pallet.shared + np.linalg.cholesky(parts.own) @ rng.standard_normal(4)
-    x, y, z, yaw = true + error
-    pose = LevelPose(float(x), float(y), float(z), wrap_angle(float(yaw)))
-    return PalletMeasurement(stamp, pallet.model, pose, covariance, 0.9, YawSource.FACE)
+    along = np.sqrt(common) * pallet.shared
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    along[:2] = cos * along[0] - sin * along[1], sin * along[0] + cos * along[1]
+    return np.asarray(along + np.sqrt(variances - common) * rng.standard_normal(4))
 
 
 def drive(
@@ -118,8 +122,8 @@ def drive(
     poses = true_poses(rates, fine)
     odometry = sampled_odometry(config, fine[::FINE], poses[::FINE], constants, rng)
     paths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))])
-    pallets = [_Sighted(place, "epal1-1200") for place in places]
-    sigmas = np.array([0.006, 0.006, 0.004, math.radians(0.25)])
+    pallets = [_Sighted(place) for place in places]
+    covariance = np.diag([0.006, 0.006, 0.004, math.radians(0.25)]) ** 2
     measurements, truth, numbers = [], [], []
     for exposed in np.arange(0.5, duration - 0.5, every):
         x, y, yaw = (float(np.interp(exposed, fine, column)) for column in poses.T)
@@ -135,10 +139,11 @@ def drive(
                     wrap_angle(pallet.place.yaw - yaw),
                 ]
             )
-            seen = _seen(true, exposed + latency, factor * np.diag(sigmas**2), pallet, path, config, rng)
-            stated = PalletMeasurement(
-                seen.time, seen.model, seen.forklift_from_pallet, np.diag(sigmas**2), 0.9, seen.yaw_from
-            )
+            error = _error(factor * covariance, pallet, path, float(true[3]), config.errors, rng)
+            px, py, pz, heading = true + error
+            pose = LevelPose(float(px), float(py), float(pz), wrap_angle(float(heading)))
+            stamp = float(exposed + latency)
+            stated = PalletMeasurement(stamp, "epal1-1200", pose, covariance, 0.9, YawSource.FACE)
             measurements.append(stated)
             truth.append(true)
             numbers.append(number)

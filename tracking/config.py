@@ -10,7 +10,14 @@ from tracking.path_limits import PathLimits
 
 @dataclass(frozen=True, slots=True)
 class MeasurementErrors:
-    """How the errors of single shots belong together."""
+    """How the errors of single shots belong together.
+
+    Chosen by ten recordings, eight of them simulated from other seeds than anything else here was made with. Errors
+    of a pallet's shots, in units of their stated sigma, agree by 0.4 to 0.6 of their variance within half a metre
+    of way, by a third after one metre and by a fifth after two and a half; far pallets' distance most of all. With
+    these figures the NEES of the tracks is 4.3 on average, from 2.4 to 6.3 (5.6, from 2.9 to 8.3, without inflation).
+    To share a part of every variance instead, however large, agreed less well and made the tracks worse.
+    """
 
     common_position_m: float = 0.0025
     """Error of the place that a pallet's measurements share: what is unknown of mounting, level and model moves all
@@ -21,6 +28,9 @@ class MeasurementErrors:
     """Largest part of a measurement's variance that others share."""
     common_path_m: float = 1.5
     """Way of the forklift over which that falls to a third, as the view of the pallet changes."""
+    inflation: float = 1.4
+    """Factor on all covariances that measurements state: it stands for what else successive shots share, and for
+    outliers. 1 where errors are known to be as stated."""
     latency_s: float = 0.0
     """How much later than the exposure a shot is stamped."""
 

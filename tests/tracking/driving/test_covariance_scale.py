@@ -10,12 +10,13 @@ import pytest
 
 from palletloc.geometry import LevelPose, wrap_angle
 from tracking import EventKind, Odometry, PalletTracker, TrackerConfig
-from tracking.config import GateConfig
+from tracking.config import GateConfig, MeasurementErrors
 from tracking.gate import covariance_scale
 
 CONFIG = GateConfig()
 PALLET = LevelPose(6.0, 2.0, 0.0, math.pi / 2)
 SETTLED = 20
+AS_STATED = MeasurementErrors(inflation=1.0)
 
 
 def test_honest_innovations_change_nothing() -> None:
@@ -58,7 +59,7 @@ def outcome(draw_drive: Callable[..., Any], factor: float, runs: int, gate: Gate
     nees, gated = [], 0
     for seed in range(runs):
         drawn = draw_drive(200 + seed, past, [PALLET], 11.0, 0.2, factor=factor)
-        tracker, number = PalletTracker(TrackerConfig(gate=gate)), 0
+        tracker, number = PalletTracker(TrackerConfig(gate=gate, errors=AS_STATED)), 0
         inputs = [(sample.time, sample) for sample in drawn.odometry]
         inputs += [(seen.time + 0.03, seen) for seen in drawn.measurements]
         for _, given in sorted(inputs, key=lambda one: one[0]):

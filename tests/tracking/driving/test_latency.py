@@ -34,7 +34,7 @@ def inputs_of(drawn: Any, late: float = 0.05) -> Inputs:
 
 
 def tracked(inputs: Inputs, latency: float = 0.0) -> tuple[PalletTracker, list[Event]]:
-    tracker = PalletTracker(TrackerConfig(errors=MeasurementErrors(latency_s=latency)))
+    tracker = PalletTracker(TrackerConfig(errors=MeasurementErrors(inflation=1.0, latency_s=latency)))
     events = [event for _, given in inputs for event in tracker.push(given)]
     return tracker, [event for event in events if event.kind is EventKind.LATENCY]
 

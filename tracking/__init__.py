@@ -6,9 +6,11 @@ from tracking.answers import Knowledge, TrackState
 from tracking.config import TrackerConfig
 from tracking.events import Event, EventKind
 from tracking.faults import UnknownTrackError
+from tracking.latency import LatencyEstimate
 from tracking.motion import Twist
 from tracking.observation import PartialMeasurement
 from tracking.odometry import Odometry, OdometryNoise, OdometrySource
+from tracking.odometry_errors import OdometryErrors
 from tracking.shot_taken import ShotTaken
 from tracking.track import Status
 from tracking.tracker import PalletTracker
@@ -17,7 +19,9 @@ __all__ = [
     "Event",
     "EventKind",
     "Knowledge",
+    "LatencyEstimate",
     "Odometry",
+    "OdometryErrors",
     "OdometryNoise",
     "OdometrySource",
     "PalletTracker",

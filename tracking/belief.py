@@ -156,8 +156,7 @@ def _hit(track: Track, observation: Observation, pairing: Pairing, time: float, 
     distance = pairing.innovation.distance
     ratios = track.ratios
     if gate.adapt_over > 0:
-        stated = distance if pairing.scale == 1.0 else rules.engine.innovation(track.state, observation).distance
-        ratios = (*ratios, stated / dof)[-gate.adapt_over :]
+        ratios = (*ratios, pairing.scale * distance / dof)[-gate.adapt_over :]
     weight = huber_weight(distance, dof, gate)
     hits = track.hits + 1
     return replace(

@@ -10,7 +10,14 @@ from tracking.path_limits import PathLimits
 
 @dataclass(frozen=True, slots=True)
 class MeasurementErrors:
-    """How the errors of single shots belong together."""
+    """How the errors of single shots belong together.
+
+    Chosen by ten recordings, eight of them simulated from other seeds than anything else here was made with. Errors
+    of a pallet's shots, in units of their stated sigma, agree by 0.4 to 0.6 of their variance within half a metre
+    of way, by a third after one metre and by a fifth after two and a half; far pallets' distance most of all. With
+    these figures the NEES of the tracks is 4.3 on average, from 2.4 to 6.3 (5.6, from 2.9 to 8.3, without inflation).
+    To share a part of every variance instead, however large, agreed less well and made the tracks worse.
+    """
 
     common_position_m: float = 0.0025
     """Error of the place that a pallet's measurements share: what is unknown of mounting, level and model moves all
@@ -21,6 +28,9 @@ class MeasurementErrors:
     """Largest part of a measurement's variance that others share."""
     common_path_m: float = 1.5
     """Way of the forklift over which that falls to a third, as the view of the pallet changes."""
+    inflation: float = 1.4
+    """Factor on all covariances that measurements state: it stands for what else successive shots share, and for
+    outliers. 1 where errors are known to be as stated."""
     latency_s: float = 0.0
     """How much later than the exposure a shot is stamped."""
 
@@ -37,6 +47,8 @@ class GateConfig:
     """Part of a track's measurements that count in full; the Huber weight of the others falls with their distance."""
     adapt_over: int = 12
     """Over how many measurements innovations are compared with their covariance; 0 takes that as it is."""
+    adapt_from: int = 3
+    """After how many of them a covariance may be found too small; too large only after all."""
     adapt_probability: float = 0.99
     """How sure it must be that the covariances are wrong before they are scaled."""
     min_scale: float = 0.5
@@ -78,6 +90,30 @@ class WindowConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class LatencyConfig:
+    """How the camera's latency is estimated."""
+
+    search_s: float = 0.3
+    """How far the camera's time may be off. Odometry that far around a shot is needed, inside the window."""
+    span_s: float = 30.0
+    """From how long ago on shots are compared."""
+    spacing_s: float = 0.1
+    """Least time between two shots that are kept."""
+    max_sightings: int = 60
+    """Measurements that are compared at most, taken evenly from all; the cost grows with their third power."""
+    every: int = 10
+    """After how many shots the estimate is made again."""
+    max_gap_s: float = 0.25
+    """Time between two samples of odometry above which speed in between is not known."""
+    max_sigma_s: float = 0.03
+    """Standard deviation above which nothing is said."""
+    least_s: float = 0.005
+    """Smallest latency worth an event."""
+    significance: float = 3.0
+    """How many standard deviations it has to be."""
+
+
+@dataclass(frozen=True, slots=True)
 class TrackerConfig:
     """Parameters of the tracker."""
 
@@ -95,3 +131,5 @@ class TrackerConfig:
     """When a track is believed, and when it ends."""
     window: WindowConfig = field(default_factory=WindowConfig)
     """Which inputs are in time."""
+    latency: LatencyConfig = field(default_factory=LatencyConfig)
+    """How the camera's latency is estimated."""

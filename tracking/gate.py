@@ -51,28 +51,32 @@ def covariance_scale(ratios: Sequence[float], config: GateConfig) -> float:
     """Return by what factor measurements' covariances are wrong, as their innovations say.
 
     The mean of n normalised innovations squared over their degrees of freedom is 1 where covariances are honest,
-    and a chi-square variable of 4 n degrees over 4 n. Within its band nothing is changed.
+    and a chi-square variable of 4 n degrees over 4 n. Within its band nothing is changed. Large innovations are
+    believed early, before the gate shuts good measurements out; small ones only when the window is full, because
+    measurements that err alike agree with each other, too.
 
     Parameters
     ----------
     ratios : sequence of float
-        Normalised innovation squared over its degrees of freedom, of the last measurements, with their own
-        covariance.
+        Normalised innovation squared over its degrees of freedom, of the last measurements, each times the factor
+        that its covariance had: where the factor is right, that is its mean.
     config : GateConfig
         The window, and bounds of the factor.
 
     Returns
     -------
     float
-        Between the bounds; 1 while the window is not full.
+        Between the bounds; 1 where there is nothing to change.
     """
-    count = config.adapt_over
-    if count <= 0 or len(ratios) < count:
+    last = ratios[-config.adapt_over :] if config.adapt_over > 0 else ()
+    count = len(last)
+    if count < config.adapt_from or count == 0:
         return 1.0
-    last = ratios[-count:]
     mean = sum(last) / count
     outside = (1 - config.adapt_probability) / 2
     low, high = (chi_square_limit(p, 4 * count) / (4 * count) for p in (outside, 1 - outside))
-    if low <= mean <= high:
-        return 1.0
-    return min(max(mean, config.min_scale), config.max_scale)
+    if mean > high:
+        return min(mean, config.max_scale)
+    if mean < low and count == config.adapt_over:
+        return max(mean, config.min_scale)
+    return 1.0

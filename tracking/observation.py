@@ -50,7 +50,7 @@ class Observation:
     values: FloatArray
     """(k,) their values, the yaw in [-pi, pi)."""
     covariance: FloatArray
-    """(k, k) their covariance."""
+    """(k, k) their covariance, inflated."""
     common: FloatArray
     """(k, 4) what a unit of the error moves that this pallet's measurements share, along the pallet's axes."""
     own: FloatArray
@@ -103,7 +103,7 @@ def observe(measurement: PalletMeasurement | PartialMeasurement, errors: Measure
     check_time(time)
     if not (np.isfinite(values).all() and np.abs(values).max() < LARGEST):
         raise BadInputError("pose", time, f"expected finite numbers below {LARGEST:g}, got {values.tolist()}")
-    covariance = checked_covariance(measurement.covariance, len(components), time)
+    covariance = errors.inflation * checked_covariance(measurement.covariance, len(components), time)
     values = values.copy()
     if 3 in components:
         at = components.index(3)

@@ -172,6 +172,30 @@ class DrivenPath:
         x, y = pose.x + cos * dx - sin * dy, pose.y + sin * dx + cos * dy
         return LevelPose(float(x), float(y), 0.0, wrap_angle(float(pose.yaw + turn)))
 
+    def rates_within(self, start: float, end: float) -> tuple[FloatArray, FloatArray] | None:
+        """Return the rates at which the forklift went between two times.
+
+        Parameters
+        ----------
+        start, end : float
+            In seconds, in this order.
+
+        Returns
+        -------
+        times : (n + 1,) array
+            Of the samples, from the last one up to the start to the first one from the end on.
+        rates : (n, 3) array
+            Speed forward and to the left in m/s, and turn in rad/s, between them.
+
+        Or None where the samples do not cover that time, or the rates are not known throughout.
+        """
+        first, last = bisect_right(self._times, start) - 1, bisect_left(self._times, end)
+        legs = self._legs[max(first, 0) : last]
+        if first < 0 or last >= len(self._times) or not legs or any(one.jumped or not one.known for one in legs):
+            return None
+        rates = [(one.twist.forward, one.twist.left, one.twist.turn) for one in legs]
+        return np.array(self._times[first : last + 1]), np.array(rates)
+
     def forget_before(self, time: float) -> None:
         """Drop samples that no motion from a time on needs."""
         count = bisect_right(self._times, time) - 1

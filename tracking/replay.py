@@ -124,7 +124,8 @@ class Replay:
                 self._past += self.beliefs[:count]
             del self.looks[:count], self.beliefs[:count], self._times[:count]
         self._carry_base(horizon)
-        self.path.forget_before(horizon if self.base.time is None else min(self.base.time, horizon))
+        needed = horizon if self.base.time is None else min(self.base.time, horizon)
+        self.path.forget_before(needed - self._rules.config.latency.search_s)
         return final
 
     def _carry_base(self, horizon: float) -> None:

@@ -17,9 +17,12 @@ from tracking.faults import BadInputError, UnknownTrackError
 from tracking.filter import PalletFilter
 from tracking.footprint import Footprints
 from tracking.history import History, Moment
+from tracking.latency import LatencyEstimate
+from tracking.latency_watch import LatencyWatch
 from tracking.news import News
 from tracking.observation import Observation, PartialMeasurement, observe
 from tracking.odometry import Odometry, check_odometry
+from tracking.odometry_errors import OdometryErrors, odometry_errors
 from tracking.replay import Look, Replay
 from tracking.shot_taken import ShotTaken
 
@@ -73,6 +76,7 @@ class PalletTracker:
         self._history = History() if keep_history else None
         self._replay = self._new_replay()
         self._news = News(self.config.life)
+        self._latency = LatencyWatch(self.config)
 
     @property
     def newest(self) -> float | None:
@@ -194,6 +198,28 @@ class PalletTracker:
     def _new_replay(self) -> Replay:
         return Replay(self._rules, Belief(), None if self._history is None else self._history.final)
 
+    def latency(self) -> LatencyEstimate:
+        """Return how much later than their exposure shots are stamped, as the last half minute tells.
+
+        Shots count from when they are older than the window. An event says when a latency shows or changes.
+
+        Returns
+        -------
+        LatencyEstimate
+            Beyond what `MeasurementErrors.latency_s` says already; not observable where speed did not vary.
+        """
+        return self._latency.estimate()
+
+    def odometry_errors(self) -> OdometryErrors:
+        """Return what the live tracks have learnt of odometry's constant errors.
+
+        Returns
+        -------
+        OdometryErrors
+            Wheel scale and gyro bias with their covariance; with a track's end goes what it knew.
+        """
+        return odometry_errors([track.state for track in self._replay.current.tracks], self.config)
+
     def _push(self, inputs: Sequence[Input]) -> list[Event]:
         """Take inputs that come together: their steps are done once."""
         events: list[Event] = []
@@ -205,6 +231,7 @@ class PalletTracker:
         first = self._replay.run(changed)
         events += self._news.of_steps(self._replay, first)
         events += self._news.of_lives(self._replay, self._clock.newest)
+        events += self._latency.of_final(self._replay, self._clock.horizon)
         final = self._replay.forget_before(self._clock.horizon)
         if self._history is not None:
             self._history.name(self._news.names.numbers)
@@ -264,4 +291,5 @@ class PalletTracker:
     def _restarted(self, time: float) -> list[Event]:
         """Forget everything but the numbers given so far."""
         self._replay = self._new_replay()
+        self._latency = LatencyWatch(self.config)
         return self._news.of_restart(time)

@@ -1,0 +1,196 @@
+r"""How much later than its exposure a shot is stamped, as the pallets in several shots and odometry tell.
+
+A pallet stands still. Carried by odometry into one frame, its measurements should all give the same pose:
+
+.. math:: y_i(\tau) = X_i \, S_i(-\tau) \, z_i = P + w_i + A_i c + L_i \beta_i + v_i
+
+with :math:`X_i` the forklift's pose at the time of shot i, :math:`S_i(-\tau)` its motion from there to the exposure,
+:math:`z_i` the measurement and :math:`P` the pallet, of which nothing is known. The errors are odometry's drift
+:math:`w_i`, a random walk that all pallets share; its constant errors :math:`c`, wheel scale and gyro bias; the
+error :math:`\beta` that a pallet's measurements share, which fades along the way; and the noise :math:`v_i`. The
+likelihood of :math:`\tau`, with everything else left free, is what cross-correlation of the camera's motions with
+the odometry's comes to when every error has its covariance (generalised least squares). Its logarithm is taken at
+trial offsets, and its vertex by a parabola.
+
+At constant speed :math:`\tau` moves all :math:`y_i` alike, as another :math:`P` would: it cannot be told.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
+
+from palletloc.geometry import FloatArray
+from tracking.config import LatencyConfig, TrackerConfig
+from tracking.sightings import SeenFrom, Sighting, Stack
+
+TRIALS = 21
+"""How many offsets are tried; an odd number, so that none is one of them."""
+ORDER = 3
+"""Order of the polynomial that stands for the motion around a shot: it takes the noise out of single samples."""
+FEWEST = 4
+"""Shots below which nothing is said."""
+NOISE_SHARE = 0.25
+"""Part of what the changes of speed tell that the odometry's noise may pretend."""
+MOST_MISFIT = 3.0
+"""Misfit over its expectation above which the measurements contradict each other at every offset."""
+
+
+@dataclass(frozen=True, slots=True)
+class LatencyEstimate:
+    """How much later than its exposure a shot is stamped, beyond what `MeasurementErrors.latency_s` says already."""
+
+    offset: float = math.nan
+    """In seconds; positive where the stamps are late. NaN where the shots do not tell."""
+    sigma: float = math.inf
+    """Standard deviation, in seconds."""
+    observable: bool = False
+    """Whether the shots tell it: speed varied by more than the noise, and the vertex is inside the search."""
+    shots: int = 0
+    """How many shots were compared."""
+
+
+def trial_offsets(config: LatencyConfig) -> FloatArray:
+    """Return the (TRIALS,) latencies that are tried, in seconds."""
+    return np.linspace(-config.search_s, config.search_s, TRIALS)
+
+
+def estimate_latency(shots: Sequence[SeenFrom], config: TrackerConfig) -> LatencyEstimate:
+    """Estimate the latency from shots in the order of time.
+
+    Parameters
+    ----------
+    shots : sequence of SeenFrom
+        Without any whose odometry is not known.
+    config : TrackerConfig
+        With what is known of odometry's and measurements' errors.
+
+    Returns
+    -------
+    LatencyEstimate
+        Not observable where the shots do not tell.
+    """
+    found, misfit = _vertex(shots, [(*shot.sightings, *shot.rejected) for shot in shots], config)
+    if misfit > MOST_MISFIT and any(shot.rejected for shot in shots):
+        found, misfit = _vertex(shots, [shot.sightings for shot in shots], config)
+    return found if misfit <= MOST_MISFIT else LatencyEstimate(shots=found.shots)
+
+
+def _vertex(
+    shots: Sequence[SeenFrom], sightings: Sequence[tuple[Sighting, ...]], config: TrackerConfig
+) -> tuple[LatencyEstimate, float]:
+    """Return the estimate from some of the sightings, and their misfit there over its expectation."""
+    limits = config.latency
+    constants = np.zeros(2)
+    # what odometry's constant errors do is linear only near their true values: a coarse look comes first
+    for most in (limits.max_sightings // 3, limits.max_sightings):
+        chosen = _chosen(sightings, most)
+        count = len(chosen)
+        if count < FEWEST:
+            return LatencyEstimate(shots=count), 0.0
+        try:
+            misfits, constants, noise, freedom = _profile(Stack(shots, chosen, constants), config)
+        except np.linalg.LinAlgError:  # odometry so uncertain that rounding hides everything else
+            return LatencyEstimate(shots=count), 0.0
+    best = int(np.argmin(misfits))
+    # measurements that agree worse than their covariances say make the answer less sure, better ones no surer
+    worse = max(1.0, float(misfits[best]) / max(freedom, 1))
+    if best in (0, TRIALS - 1):
+        return LatencyEstimate(shots=count), worse
+    step = 2 * limits.search_s / (TRIALS - 1)
+    low, middle, high = misfits[best - 1 : best + 2]
+    bend = low - 2 * middle + high
+    if not bend > 0:
+        return LatencyEstimate(shots=count), worse
+    offset = float(trial_offsets(limits)[best] + step * (low - high) / (2 * bend))
+    information = float(bend / (2 * step**2))
+    pretended = noise * jitter_rate(limits.search_s, offset)
+    if pretended > NOISE_SHARE * information:
+        return LatencyEstimate(shots=count), worse
+    sigma = math.sqrt(worse / (information - pretended))
+    if sigma > limits.max_sigma_s:
+        return LatencyEstimate(sigma=sigma, shots=count), worse
+    return LatencyEstimate(offset, sigma, True, count), worse
+
+
+def _chosen(sightings: Sequence[tuple[Sighting, ...]], most: int) -> list[tuple[int, tuple[Sighting, ...]]]:
+    """Return shots by their numbers, evenly, with sightings of pallets that are seen more than once."""
+    total = sum(len(several) for several in sightings)
+    stride = max(1, math.ceil(total / most))
+    taken = [(i, sightings[i]) for i in range(len(sightings) - 1, -1, -stride)][::-1]
+    times: dict[Hashable, int] = {}
+    for _, several in taken:
+        for one in several:
+            times[one.pallet] = times.get(one.pallet, 0) + 1
+    again = [(i, tuple(one for one in several if times[one.pallet] > 1)) for i, several in taken]
+    return [(i, several) for i, several in again if several]
+
+
+class _Profile(NamedTuple):
+    """How well the sightings agree at the trial offsets."""
+
+    misfits: FloatArray
+    """(TRIALS,) squared, in units of their covariance."""
+    constants: FloatArray
+    """(2,) odometry's constant errors where they agree best."""
+    noise: float
+    """What jitter of one unit in the rates would pretend to tell."""
+    freedom: int
+    """Degrees of freedom of the misfit."""
+
+
+def _profile(stack: Stack, config: TrackerConfig) -> _Profile:
+    sigmas = config.odometry.constants
+    rows, each = 3 * len(stack.look), np.arange(len(stack.look))
+    shots = np.arange(len(stack.walk))
+    drift = stack.spread(stack.walk, (shots <= stack.look[:, None]).astype(np.float64))
+    covariance = drift @ drift.T + stack.shared(config.errors.common_path_m)
+    covariance.reshape(len(each), 3, len(each), 3)[each, :, each, :] += stack.own
+    root = cholesky(covariance, lower=True, check_finite=False)
+    free = stack.free(sigmas)
+    noise = stack.spread(stack.jitter, np.eye(len(shots))[stack.look])
+    white = solve_triangular(root, np.hstack([stack.from_first(), free, noise]), lower=True, check_finite=False)
+    seen, by_free, by_noise = np.split(white, [TRIALS, TRIALS + free.shape[1]], axis=1)
+    prior, before = np.zeros(free.shape[1]), np.zeros((free.shape[1], 1))
+    prior[-2:], before[-2:, 0] = 1.0, np.divide(stack.mended, sigmas, out=np.zeros(2), where=sigmas > 0)
+    factor = cho_factor(by_free.T @ by_free + np.diag(prior), check_finite=False)
+    found = cho_solve(factor, by_free.T @ seen - before, check_finite=False)
+    misfits = np.sum((seen - by_free @ found) ** 2, axis=0) + prior @ (found + before) ** 2
+    constants = stack.mended + sigmas * found[-2:, np.argmin(misfits)]
+    return _Profile(misfits, constants, float(np.sum(by_noise**2)), rows - free.shape[1] + 1)
+
+
+@lru_cache(maxsize=1)
+def smoothing() -> FloatArray:
+    """Return the (TRIALS, TRIALS) matrix that replaces values at the offsets by a polynomial without constant."""
+    powers = _powers()
+    return np.asarray(powers @ np.linalg.pinv(powers))
+
+
+def jitter_rate(search: float, offset: float) -> float:
+    """Return the variance of the rate that `smoothing` makes of a random walk of 1 unit per root second.
+
+    Parameters
+    ----------
+    search : float
+        Largest trial offset, in seconds.
+    offset : float
+        Where, in seconds.
+    """
+    offsets = np.linspace(-search, search, TRIALS)
+    slopes = np.array([power * (offset / search) ** (power - 1) for power in range(1, ORDER + 1)]) / search
+    slope = slopes @ np.linalg.pinv(_powers())
+    apart = np.minimum.outer(np.abs(offsets), np.abs(offsets))
+    walk = np.where(np.multiply.outer(offsets, offsets) > 0, apart, 0.0)
+    return float(slope @ walk @ slope)
+
+
+def _powers() -> FloatArray:
+    unit = np.linspace(-1, 1, TRIALS)
+    return np.stack([unit**power for power in range(1, ORDER + 1)], axis=1)

@@ -55,7 +55,7 @@ class FaceFitConfig:
     """The same in pixels of the camera's image: the larger holds."""
     first_reach: float = 0.022
     """How far upright edges, which have no neighbours, are looked for at first, in metres."""
-    iterations: int = 4
+    iterations: int = 5
     """Most rounds of measuring, each where the last fit says."""
     min_coverage: float = 0.3
     """Least part of an edge that must be seen for it to count."""
@@ -194,8 +194,9 @@ def fit_face(
         arrived = any(same_pose(pose, one) for one in known) or _settled(system, found, config)
         if arrived and upright <= config.reach:
             break
-    else:  # it swings between poses: that of least doubt is the best guess
+    else:  # it swings between poses, or still moves: that of least doubt is the best guess
         rounds[-2:] = sorted(rounds[-2:], key=lambda one: -one.estimate.doubt)
+        rounds[-1] = _unsettled(rounds)
     return _with_level_yaw(rounds[-1], config) if rounds else Reason.FEW_EDGES
 
 
@@ -230,6 +231,17 @@ def _solved(
             solution = system.solve()
             estimate = replace(_estimate(system.seen, pose, model, solution), behind=evidence)
     return _Round(estimate, solution.motion, np.sqrt(solution.covariance.diagonal()))
+
+
+def _unsettled(rounds: Sequence[_Round]) -> _Round:
+    """Return the last round of a fit that did not settle, as uncertain as it is far from the one before."""
+    if len(rounds) < 2:
+        return rounds[-1]
+    before, last = (one.estimate.forklift_from_pallet for one in rounds[-2:])
+    apart = last.as_array() - before.as_array()
+    apart[3] = wrap_angle(apart[3])
+    estimate = rounds[-1].estimate
+    return rounds[-1]._replace(estimate=replace(estimate, covariance=estimate.covariance + np.outer(apart, apart)))
 
 
 def _with_level_yaw(found: _Round, config: FaceFitConfig) -> FaceEstimate:

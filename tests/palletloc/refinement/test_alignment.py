@@ -92,6 +92,20 @@ def test_a_fit_ends_where_another_start_has_led(
     assert rounds[2] < restless.iterations
 
 
+def test_a_fit_that_is_cut_short_says_how_far_off_it_may_be(portrait: Portrait, t11: PalletModel) -> None:
+    shot = portrait(t11, POSE)
+    camera, start = shot.projector.camera, replace(moved(POSE, 0.010, 0.015), yaw=POSE.yaw + np.radians(0.8))
+    sigmas = []
+    for rounds in (2, 6):
+        config = FaceFitConfig(iterations=rounds, small_motion=1e-9)
+        found = fit_face(camera, shot.image, shot.mounting, start, t11, FLOOR, None, np.radians(5.0), config)
+        assert isinstance(found, FaceEstimate)
+        error = found.forklift_from_pallet.as_array() - POSE.as_array()
+        assert error @ np.linalg.solve(found.covariance, error) < 16.0
+        sigmas.append(np.sqrt(np.linalg.eigvalsh(found.covariance)[-1]))
+    assert sigmas[0] > 1.5 * sigmas[1]
+
+
 @pytest.mark.parametrize(("right", "depth"), [(0.006, 0.0), (-0.006, 0.0), (0.0, 0.012), (0.004, -0.012)])
 def test_starts_some_millimetres_apart_lead_to_the_same_pose(
     right: float, depth: float, portrait: Portrait, t11: PalletModel

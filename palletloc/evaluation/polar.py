@@ -15,6 +15,8 @@ import numpy as np
 from palletloc.geometry import FloatArray, wrap_angle
 
 FULL_TURN = 2 * math.pi
+FACE_LIMIT = math.radians(20 / 3600)
+"""How far the errors of a pair of faces may be from the usual ones, in radians: 1 mm at 10 m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,6 +136,26 @@ def average_faces(sights: Sequence[Sight]) -> tuple[Sight, list[FaceErrors]]:
     errors = [_face_errors(first, second) for first, second in zip(*faces, strict=False)]
     means = [_mean([_as_first_face(one) for one in face]) for face in faces if face]
     return replace(_mean(means), line=sights[0].line), errors
+
+
+def misread_faces(faces: Sequence[FaceErrors]) -> list[FaceErrors]:
+    """Return the pairs of faces whose errors differ from the usual ones: an instrument's own hardly change.
+
+    Parameters
+    ----------
+    faces : sequence of FaceErrors
+        Of one instrument; fewer than three do not tell what is usual.
+
+    Returns
+    -------
+    list of FaceErrors
+        Those more than `FACE_LIMIT` from the median index or collimation error.
+    """
+    if len(faces) < 3:
+        return []
+    errors = np.array([[one.index, one.collimation] for one in faces])
+    off = np.abs(errors - np.median(errors, axis=0)).max(axis=1)
+    return [one for one, far in zip(faces, off > FACE_LIMIT, strict=True) if far]
 
 
 def _face_errors(first: Sight, second: Sight) -> FaceErrors:

@@ -104,6 +104,7 @@ def surveyed_bodies(plan: SurveyPlan, survey: Survey) -> tuple[list[SurveyedBody
             where = f", line {here.lines[0]}" if found else ""
             raise SurveyError(
                 f"{survey.path}{where}: {here.label} has {only}; expected at least 2 of {', '.join(names)}"
+                f"{_rejected(survey)}"
             )
         if missing:
             notes.append(f"{survey.path}: {here.label} lacks {', '.join(missing)}")
@@ -113,6 +114,14 @@ def surveyed_bodies(plan: SurveyPlan, survey: Survey) -> tuple[list[SurveyedBody
         f"{survey.path}: {point.place} is no target" for point in survey.points.values() if point.name not in used
     ]
     return bodies, notes
+
+
+def _rejected(survey: Survey) -> str:
+    """Return where missing points may have gone."""
+    if not survey.rejected:
+        return ""
+    first = survey.rejected[0]
+    return f" ({len(survey.rejected)} rejected lines, the first: line {first.line}: {first.text})"
 
 
 def _wanted(plan: SurveyPlan) -> Iterator[tuple[str, str | None, dict[str, FloatArray]]]:

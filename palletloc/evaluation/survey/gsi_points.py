@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
-from palletloc.evaluation.polar import FaceErrors, Sight, Station, average_faces, line_of_sight, reduce_sight
+from palletloc.evaluation.polar import (
+    FaceErrors,
+    Sight,
+    Station,
+    average_faces,
+    line_of_sight,
+    misread_faces,
+    reduce_sight,
+)
 from palletloc.evaluation.resection import ResectionError, resect
 from palletloc.evaluation.survey.gsi import GsiBlock, GsiFile, read_gsi
 from palletloc.evaluation.survey.gsi_word import GsiWord, WordError
@@ -99,6 +108,10 @@ def points_of(file: GsiFile, prism: PrismUse | None = None, known: Mapping[str, 
         if station is None and not has_frame and number == 0:
             station = Station()
         _place_shots(setup, station, places, faces, notes)
+    for pair in misread_faces(faces):
+        index, collimation = (math.degrees(error) * 3600 for error in (pair.index, pair.collimation))
+        text = f"point '{pair.name}': index error {index:.1f}\" and collimation error {collimation:.1f}\" with line"
+        notes.append(LineNote(pair.lines[0], f"{text} {pair.lines[1]}, unlike the other faces: misread?"))
     points, unusable = _merged(places)
     ordered = tuple(sorted(notes, key=lambda note: note.line))
     return Survey(file.path, points, file.rejected, ordered, tuple(faces), unusable)

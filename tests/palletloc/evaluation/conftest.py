@@ -20,7 +20,7 @@ PALLETS = {"A": LevelPose(413.0, 191.0, 11.6, 2.17), "B": LevelPose(414.3, 192.6
 @pytest.fixture
 def lab_points() -> dict[str, list[float]]:
     """Return the places of all targets of a small site, without any error."""
-    points = {}
+    points: dict[str, list[float]] = {}
     for stop, pose in STOPS.items():
         places = {f"{name}-{stop}": place for name, place in BODIES["forklift"].items()}
         points |= {name: pose.transform().apply(place).tolist() for name, place in places.items()}

@@ -16,7 +16,7 @@ from palletloc.geometry import FloatArray, wrap_angle
 MAX_ROUNDS = 20
 """After which the iteration is given up; a few suffice."""
 STILL = 1e-10
-"""Change of the unknowns, in metres and radians, below which it has converged."""
+"""Change of the unknowns, as a part of the largest coordinate, below which it has converged."""
 
 
 class ResectionError(PalletLocError):
@@ -81,15 +81,26 @@ def resect(
     for sight in sights:
         if sight.name not in known:
             raise ResectionError(f"point '{sight.name}' of line {sight.line} is not among the known points")
-    station = _first_guess(sights, known)
     weights = np.concatenate([_weights(sight, sigma) for sight in sights])
+    try:
+        # A point on the station or wild numbers give no slopes; that is bad input and no warning.
+        with np.errstate(all="raise", under="ignore"):
+            return _settled(sights, known, _first_guess(sights, known), weights)
+    except (FloatingPointError, ZeroDivisionError, OverflowError, np.linalg.LinAlgError):
+        raise ResectionError("the sights and the known points do not belong together: no station fits") from None
+
+
+def _settled(
+    sights: Sequence[Sight], known: Mapping[str, FloatArray], station: Station, weights: FloatArray
+) -> FreeStation:
+    """Improve the station until it stands still."""
     for _ in range(MAX_ROUNDS):
         errors, slopes = _linearized(sights, known, station)
         used = np.isfinite(errors)
         normal = slopes[used].T @ (slopes[used] * weights[used, None])
         step = np.linalg.solve(normal, slopes[used].T @ (errors[used] * weights[used]))
         station = Station(station.position + step[:3], wrap_angle(station.orientation + float(step[3])))
-        if np.abs(step).max() < STILL:
+        if np.abs(step).max() < STILL * (1 + np.abs(station.position).max()):
             break
     else:
         raise ResectionError(f"the free station does not settle after {MAX_ROUNDS} rounds")

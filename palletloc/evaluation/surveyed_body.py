@@ -25,6 +25,8 @@ class SurveyedBody:
     """(n, 3) places of the targets on the body, in metres."""
     points: tuple[SurveyPoint, ...]
     """The n surveyed points, in the same order."""
+    missing: tuple[str, ...] = ()
+    """Targets that the survey does not have."""
 
     @property
     def label(self) -> str:
@@ -97,14 +99,14 @@ def surveyed_bodies(plan: SurveyPlan, survey: Survey) -> tuple[list[SurveyedBody
         )
     for body, stop, names in wanted:
         found = {name: point for name in names if (point := survey.find(name)) is not None}
-        here = SurveyedBody(body, stop, np.array([names[name] for name in found]), tuple(found.values()))
-        missing = [name for name in names if name not in found]
+        missing = tuple(name for name in names if name not in found)
+        here = SurveyedBody(body, stop, np.array([names[name] for name in found]), tuple(found.values()), missing)
         if len(found) < 2:
             only = f"only {here.points[0].place}" if found else "no point"
             where = f", line {here.lines[0]}" if found else ""
             raise SurveyError(
                 f"{survey.path}{where}: {here.label} has {only}; expected at least 2 of {', '.join(names)}"
-                f"{_rejected(survey)}"
+                f"{rejected_text(survey)}"
             )
         if missing:
             notes.append(f"{survey.path}: {here.label} lacks {', '.join(missing)}")
@@ -116,7 +118,7 @@ def surveyed_bodies(plan: SurveyPlan, survey: Survey) -> tuple[list[SurveyedBody
     return bodies, notes
 
 
-def _rejected(survey: Survey) -> str:
+def rejected_text(survey: Survey) -> str:
     """Return where missing points may have gone."""
     if not survey.rejected:
         return ""

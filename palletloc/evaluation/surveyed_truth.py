@@ -23,7 +23,7 @@ from palletloc.evaluation.survey.point import Survey, SurveyError, lines_text
 from palletloc.evaluation.survey.reading import read_survey
 from palletloc.evaluation.survey_faults import check_distances, distance_limit
 from palletloc.evaluation.survey_plan import SurveyPlan, read_survey_plan
-from palletloc.evaluation.surveyed_body import SurveyedBody, surveyed_bodies
+from palletloc.evaluation.surveyed_body import SurveyedBody, rejected_text, surveyed_bodies
 from palletloc.evaluation.true_pose import TruePose
 
 MAX_TILT = math.radians(3.0)
@@ -156,6 +156,8 @@ def _fitted(plan: SurveyPlan, survey: Survey, body: SurveyedBody) -> BodyFit:
     except FitError as error:
         names = ", ".join(point.name for point in body.points)
         hint = "" if level else f"; add a target off the line, or state 'level: true' in {plan.path}"
+        if body.missing:
+            hint += f"; the survey lacks {', '.join(body.missing)}{rejected_text(survey)}"
         raise SurveyError(f"{where}: {body.label} ({names}): {error}{hint}") from None
     _check_residuals(plan, survey, body, fit)
     sigma = math.sqrt(max(fit.pose.covariance[3, 3], fit.pose.covariance[4, 4]))

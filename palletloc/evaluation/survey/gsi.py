@@ -132,6 +132,8 @@ def parse_line(line: str, number: int = 1) -> GsiBlock:
     wide = body.startswith("*")
     body = body[1:] if wide else body
     words = _words(body.rstrip(" "), len(line) - len(line.lstrip(" ")) + wide, 16 if wide else 8)
+    if not words:
+        raise GsiLineError("has no words")
     if words[0].index not in _BLOCK_STARTS:
         raise GsiLineError(f"starts with word {words[0].index}, expected a point (11) or a code (41)")
     indices = [word.index for word in words]

@@ -240,16 +240,27 @@ def _station(
 ) -> Station | None:
     """Return the station by resection, and note what does not agree with it."""
     try:
-        station = resect(sights, known).station
+        station, off = _consistent(sights, known)
     except ResectionError as error:
         notes.append(LineNote(sights[0].line, f"point '{names[0]}': no station from it and others: {error}"))
         return None
-    for sight, name in zip(sights, names, strict=True):
-        off = float(np.linalg.norm(reduce_sight(sight, station) - known[sight.name]))
-        if off > POLAR_LIMIT:
-            text = f"point '{name}': angles and distance lead {off * 1e3:.1f} mm away from {what}"
+    for sight, name, distance in zip(sights, names, off, strict=True):
+        if distance > POLAR_LIMIT:
+            text = f"point '{name}': angles and distance lead {distance * 1e3:.1f} mm away from {what}"
             notes.append(LineNote(sight.line, text))
     return station
+
+
+def _consistent(sights: Sequence[Sight], known: Mapping[str, FloatArray]) -> tuple[Station, list[float]]:
+    """Return the station by the sights that agree, and how far each leads from its point: the worst are left out."""
+    kept = list(range(len(sights)))
+    while True:
+        station = resect([sights[index] for index in kept], known).station
+        off = [float(np.linalg.norm(reduce_sight(sight, station) - known[sight.name])) for sight in sights]
+        worst = max(kept, key=off.__getitem__)
+        if off[worst] <= POLAR_LIMIT or len(kept) <= 3:
+            return station, off
+        kept.remove(worst)
 
 
 def _uncorrected(shot: _Shot, name: str) -> Sight:

@@ -87,6 +87,7 @@ def test_what_does_not_fix_the_station_is_refused() -> None:
         ([first], KNOWN, "it has 1 point, expected at least 2"),
         ([replace(first, distance=None), second], KNOWN, "it has 1 point"),
         ([first, sight("K5", above["K5"])], above, "stand above one another"),
+        ([first, second], {**KNOWN, "K1": np.array([1e12, 0.0, 0.0])}, "no station fits|does not settle"),
         ([first, second, replace(third, name="K9", line=12)], KNOWN, "point 'K9' of line 12 is not among the known"),
     ]:
         with pytest.raises(ResectionError, match=said):

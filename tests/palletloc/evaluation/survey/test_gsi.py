@@ -1,8 +1,11 @@
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from palletloc.evaluation.survey.gsi import GsiLineError, parse_gsi, parse_line, read_gsi
 from palletloc.evaluation.survey.gsi_writer import format_block
@@ -75,6 +78,7 @@ def test_dashes_are_no_value_and_noted_with_line_and_word() -> None:
     ("line", "said"),
     [
         ("hello", "column 1: expected a word as '31..00\\+00030485', got 'hello'"),
+        ("* ", "has no words"),
         ("21.322+03496940 ", "starts with word 21, expected a point"),
         ("110001+00000001 31..00+000304", "column 17: word 31 has 6 of 8 characters of data"),
         ("110001+00000001 31..00 00030485", "column 17: expected a word"),
@@ -89,6 +93,25 @@ def test_a_bad_line_is_listed_with_number_and_reason(line: str, said: str) -> No
     file = parse_gsi(Path("a.gsi"), f"{REAL[0]}\n\n{line}\n{REAL[1]}")
     assert [block.line for block in file.blocks] == [1, 4]
     assert [note.line for note in file.rejected] == [3]
+
+
+@settings(max_examples=100)
+@given(
+    place=st.integers(0, len(TEXT) - 1),
+    cut=st.integers(0, 30),
+    put=st.text("0123456789+-. *A\r\n\t", max_size=4),
+)
+def test_whatever_is_done_to_a_file_each_line_is_read_or_listed(place: int, cut: int, put: str) -> None:
+    text = TEXT[:place] + put + TEXT[place + cut :]
+    try:
+        file = parse_gsi(Path("a.gsi"), text)
+    except SurveyError:
+        return
+    seen = [block.line for block in file.blocks] + [note.line for note in file.rejected]
+    lines = re.split(r"\r*\n|\r", text)
+    assert sorted(seen) == [number for number, line in enumerate(lines, start=1) if line.strip()]
+    for block in file.blocks:
+        assert parse_line(format_block(block), block.line) == block
 
 
 @pytest.mark.parametrize(

@@ -205,8 +205,9 @@ def test_coordinates_that_disagree_with_their_own_angles_are_noted() -> None:
     assert survey(station_line(), *lines).notes == ()
     # Without a station of its own, the setup's station is implied by these lines.
     bent = line("P4", *polar_words(TARGETS["P1"], STATION), *coordinate_words(TARGETS["P1"] + np.array([0.2, 0, 0])))
-    notes = survey(*lines, bent).notes
-    assert any(note.line == 4 and "mm away from its coordinates" in note.text for note in notes)
+    (note,) = survey(*lines, bent).notes
+    assert note.line == 4
+    assert note.text == "point 'P4': angles and distance lead 200.0 mm away from its coordinates"
 
 
 def test_faces_of_a_real_instrument_agree_within_seconds(shared_data: Path) -> None:

@@ -1,1 +1,1 @@
-"""Measured poses against the truth: pairing, errors, and their summary."""
+"""Measured poses against the truth: surveys, pairing, errors, and their summary."""

@@ -11,6 +11,7 @@ from palletloc.geometry import LevelPose, wrap_angle
 from palletloc.io.csv_table import TableError, format_number, in_order_of_time, read_rows, write_rows
 from palletloc.io.measurements import POSE_COLUMNS, format_time, read_pose
 from palletloc.io.reading import InputError
+from palletloc.io.tum import read_tum
 from palletloc.trajectory import Trajectory
 
 FORKLIFT_COLUMNS = ("time_s", *POSE_COLUMNS)
@@ -52,7 +53,7 @@ def read_truth(folder: str | Path) -> Truth:
     Returns
     -------
     Truth
-        From its files truth/forklift.csv and truth/pallets.csv.
+        From its files truth/forklift.csv, or truth/forklift.tum in its place, and truth/pallets.csv.
 
     Raises
     ------
@@ -62,7 +63,9 @@ def read_truth(folder: str | Path) -> Truth:
     truth = Path(folder) / "truth"
     if not truth.is_dir():
         raise InputError(f"{truth}: no such folder; expected forklift.csv and pallets.csv in it")
-    return Truth(_read_forklift(truth / "forklift.csv"), _read_pallets(truth / "pallets.csv"))
+    table, tum = truth / "forklift.csv", truth / "forklift.tum"
+    path = read_tum(tum) if tum.exists() and not table.exists() else _read_forklift(table)
+    return Truth(path, _read_pallets(truth / "pallets.csv"))
 
 
 def _read_forklift(path: Path) -> Trajectory:

@@ -1,0 +1,1 @@
+"""Points that a total station has surveyed: reading and writing its files."""

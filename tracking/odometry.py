@@ -11,7 +11,7 @@ import numpy as np
 
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.trajectory import Trajectory
-from tracking.faults import LARGEST, BadInputError, check_time, checked_covariance
+from tracking.faults import BadInputError, check_time, check_values, checked_covariance
 from tracking.motion import Motion, Twist, twist_between
 
 ODOM, FORKLIFT = "odom", "forklift"
@@ -71,9 +71,8 @@ def check_odometry(sample: Odometry) -> Odometry:
         raise BadInputError("frame", time, f"expected the pose of {FORKLIFT!r} in {ODOM!r}, {got}")
     if sample.pose is None and sample.twist is None:
         raise BadInputError("odometry", time, "expected a pose, rates, or both")
-    for name, numbers in (("pose", sample.says[0]), ("twist", sample.says[1])):
-        if not all(math.isfinite(number) and abs(number) < LARGEST for number in numbers):
-            raise BadInputError(name, time, f"expected finite numbers below {LARGEST:g}, got {numbers}")
+    check_values("pose", sample.says[0], time)
+    check_values("twist", sample.says[1], time)
     if sample.covariance is None:
         return sample
     return replace(sample, covariance=checked_covariance(sample.covariance, 3, time))

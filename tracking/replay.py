@@ -9,7 +9,7 @@ import math
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass, replace
 
-from tracking.belief import Belief, Rules, advance, carried
+from tracking.belief import Belief, Foreseen, Rules, advance, carried, waiting
 from tracking.motion import no_motion
 from tracking.observation import Observation
 from tracking.path import DrivenPath
@@ -24,10 +24,15 @@ class Look:
     observations: tuple[Observation, ...] = ()
     """In their order."""
 
+    def holds(self, observation: Observation) -> bool:
+        """Tell whether it has an observation that says the same."""
+        at = bisect_left(self.observations, observation.order, key=lambda one: one.order)
+        return at < len(self.observations) and self.observations[at].order == observation.order
+
     def plus(self, observation: Observation) -> Look:
         """Return the look with one more observation in its place."""
-        together = sorted((*self.observations, observation), key=lambda one: one.order)
-        return replace(self, observations=tuple(together))
+        at = bisect_left(self.observations, observation.order, key=lambda one: one.order)
+        return replace(self, observations=(*self.observations[:at], observation, *self.observations[at:]))
 
 
 class Replay:
@@ -48,6 +53,8 @@ class Replay:
         self.looks: list[Look] = []
         self.beliefs: list[Belief] = []
         self._times: list[float] = []
+        self._foreseen: Foreseen | None = None
+        """Of the last step that was done: more measurements of that shot may come."""
 
     @property
     def current(self) -> Belief:
@@ -98,7 +105,11 @@ class Replay:
             motion = no_motion() if self.path.reaches(look.time) else None
         else:
             motion = self.path.motion(before.time, look.time)
-        return advance(before, motion, look.time, look.observations, self._rules)
+        if motion is None:
+            return waiting(before, len(look.observations))
+        if self._foreseen is None or not self._foreseen.serves(before, motion, look.time):
+            self._foreseen = Foreseen(before, motion, look.time, self._rules)
+        return advance(self._foreseen, look.observations, self._rules)
 
     def forget_before(self, horizon: float) -> tuple[Look, ...]:
         """Drop what no input from a time on can change any more.
@@ -123,11 +134,19 @@ class Replay:
         return final
 
     def _carry_base(self, horizon: float) -> None:
-        """Carry what is believed along while no shot comes, so that old odometry can be dropped."""
-        time = self.base.time
-        if time is None or horizon - time < self._rules.config.window.window_s:
-            return
-        until = self.path.last_before(horizon)
-        motion = None if until is None or until <= time else self.path.motion(time, until)
-        if until is not None and motion is not None:
-            self.base = carried(self.base, motion, until, self._rules)
+        """Carry what is believed along while no shot comes, so that old odometry can be dropped.
+
+        Goes to the last sample of every whole window since: that does not depend on when it is done.
+        """
+        window = self._rules.config.window.window_s
+        while self.base.time is not None:
+            time = self.base.time
+            following = self.path.first_after(time)
+            if following is None or following >= horizon:
+                return
+            until = time + window * max(1, math.ceil((following - time) / window))
+            last = self.path.last_before(until)
+            motion = None if last is None or until >= horizon else self.path.motion(time, last)
+            if last is None or motion is None:
+                return
+            self.base = carried(self.base, motion, last, self._rules)

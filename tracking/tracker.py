@@ -23,6 +23,8 @@ from tracking.shot_taken import ShotTaken
 
 Input = Odometry | PalletMeasurement | PartialMeasurement | ShotTaken
 """What a tracker takes."""
+Ready = Odometry | Observation | ShotTaken
+"""An input that was checked."""
 
 
 class PalletTracker:
@@ -156,8 +158,8 @@ class PalletTracker:
         """Take inputs that come together: their steps are done once."""
         events: list[Event] = []
         changed = math.inf
-        for one in inputs:
-            fates, since = self._taken(one)
+        for one, ready in zip(inputs, self._checked(inputs), strict=True):
+            fates, since = self._taken(one, ready)
             events += fates
             changed = min(changed, since)
         first = self._replay.run(changed)
@@ -166,12 +168,10 @@ class PalletTracker:
         final = self._replay.forget_before(self._clock.horizon)
         return events + self._news.of_final(self._replay, final)
 
-    def _taken(self, given: Input) -> tuple[list[Event], float]:
+    def _taken(self, given: Input, ready: Ready | BadInputError) -> tuple[list[Event], float]:
         """Return what became of an input, and from when on steps have to be done again."""
-        try:
-            ready = self._checked(given)
-        except BadInputError as fault:
-            return [Event(EventKind.REJECTED, given.time, reason=str(fault))], math.inf
+        if isinstance(ready, BadInputError):
+            return [Event(EventKind.REJECTED, given.time, reason=str(ready))], math.inf
         lateness = self._clock.judge(ready.time)
         before: list[Event] = []
         if lateness.restarted:
@@ -183,16 +183,29 @@ class PalletTracker:
         events, changed = self._take_odometry(ready) if isinstance(ready, Odometry) else self._take_look(ready)
         return before + events, changed
 
-    def _checked(self, given: Input) -> Odometry | Observation | ShotTaken:
-        """Return an input ready to be used; raise a fault that names what is wrong."""
-        if isinstance(given, Odometry):
-            return check_odometry(given)
-        if isinstance(given, ShotTaken):
-            return given.checked(self.config.errors.latency_s)
+    def _checked(self, inputs: Sequence[Input]) -> list[Ready | BadInputError]:
+        """Return inputs ready to be used, or what is wrong with them; all measurements at once."""
+        found: dict[int, Ready | BadInputError] = {}
+        measured: dict[int, PalletMeasurement | PartialMeasurement] = {}
+        for number, given in enumerate(inputs):
+            try:
+                if isinstance(given, Odometry):
+                    found[number] = check_odometry(given)
+                elif isinstance(given, ShotTaken):
+                    found[number] = given.checked(self.config.errors.latency_s)
+                else:
+                    self._check_model(given)
+                    measured[number] = given
+            except BadInputError as fault:
+                found[number] = fault
+        ready = observe(list(measured.values()), self.config.errors)
+        found.update(zip(measured, ready, strict=True))
+        return [found[number] for number in range(len(inputs))]
+
+    def _check_model(self, given: PalletMeasurement | PartialMeasurement) -> None:
         if not self._rules.footprints.accepts(given.model):
             names = ", ".join(self._rules.footprints.names)
             raise BadInputError("model", given.time, f"expected one of {names}, got {given.model!r}")
-        return observe(given, self.config.errors)
 
     def _take_odometry(self, sample: Odometry) -> tuple[list[Event], float]:
         path = self._replay.path
@@ -212,7 +225,7 @@ class PalletTracker:
             if look is None:
                 self._replay.place(Look(given.time))
             return [Event(EventKind.ACCEPTED, given.time)], math.inf
-        if look is not None and any(one.order == given.order for one in look.observations):
+        if look is not None and look.holds(given):
             return [Event(EventKind.DUPLICATE, given.time)], math.inf
         self._replay.place((look or Look(given.time)).plus(given))
         return [], math.inf

@@ -10,6 +10,7 @@ from tracking.motion import Twist
 from tracking.observation import PartialMeasurement
 from tracking.odometry import Odometry, OdometryNoise, OdometrySource
 from tracking.shot_taken import ShotTaken
+from tracking.snapshot import SnapshotError
 from tracking.track import Status
 from tracking.tracker import PalletTracker
 
@@ -23,6 +24,7 @@ __all__ = [
     "PalletTracker",
     "PartialMeasurement",
     "ShotTaken",
+    "SnapshotError",
     "Status",
     "TrackState",
     "TrackerConfig",

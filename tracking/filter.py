@@ -86,7 +86,8 @@ class PalletFilter(ExtendedKalmanFilter):
 
     def __init__(self, config: TrackerConfig) -> None:
         super().__init__(dim_x=SIZE, dim_z=4)
-        self.x = np.zeros(SIZE)
+        self.x: FloatArray = np.zeros(SIZE)
+        self.P: FloatArray = np.eye(SIZE)
         self._common_path = config.errors.common_path_m
         self._estimated = config.estimate_odometry
         self._constants = np.diag(config.odometry.constants**2)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 from palletloc.measurement import PalletMeasurement
 from palletloc.pallet import PalletModel
@@ -20,6 +21,7 @@ from tracking.observation import Observation, PartialMeasurement, observe
 from tracking.odometry import Odometry, check_odometry
 from tracking.replay import Look, Replay
 from tracking.shot_taken import ShotTaken
+from tracking.snapshot import read_config, restored, written
 
 Input = Odometry | PalletMeasurement | PartialMeasurement | ShotTaken
 """What a tracker takes."""
@@ -64,6 +66,8 @@ class PalletTracker:
         self._clock = Clock(self.config.window)
         self._replay = Replay(self._rules, Belief())
         self._news = News(self.config.life)
+        self._held: list[Ready] = []
+        """Inputs from another time, until it is clear whether that is the present."""
 
     @property
     def newest(self) -> float | None:
@@ -154,6 +158,34 @@ class PalletTracker:
             raise UnknownTrackError(f"tracks at {time:.6g} s: expected a time from {belief.time:.6g} s on")
         return states_at(time, belief, self._replay.path, self._news.names.numbers, self._rules)
 
+    def snapshot(self) -> dict[str, Any]:
+        """Return all that it knows as plain values that JSON knows, with its parameters.
+
+        What is inside the window is kept as it came: `restore` does those steps again.
+        """
+        return written(self.config, self._clock, self._replay, self._news, self._held)
+
+    @classmethod
+    def restore(cls, snapshot: Mapping[str, Any], models: Iterable[PalletModel] | None = None) -> PalletTracker:
+        """Return a tracker that goes on where another one was when its `snapshot` was taken.
+
+        Parameters
+        ----------
+        snapshot : mapping
+            As `snapshot` gave it, maybe by way of JSON.
+        models : iterable of PalletModel, optional
+            As that tracker had them; they are not part of it.
+
+        Raises
+        ------
+        SnapshotError
+            If it is malformed or of another version.
+        """
+        tracker = cls(read_config(snapshot), models)
+        parts = tracker._clock, tracker._replay, tracker._news
+        tracker._held = restored(snapshot, tracker.config, *parts)
+        return tracker
+
     def _push(self, inputs: Sequence[Input]) -> list[Event]:
         """Take inputs that come together: their steps are done once."""
         events: list[Event] = []
@@ -173,15 +205,21 @@ class PalletTracker:
         if isinstance(ready, BadInputError):
             return [Event(EventKind.REJECTED, given.time, reason=str(ready))], math.inf
         lateness = self._clock.judge(ready.time)
-        before: list[Event] = []
-        if lateness.restarted:
-            before = self._restarted(ready.time)
-        elif not lateness.in_time:
+        self._held = self._held[-lateness.follows :] if lateness.follows else []
+        if not lateness.in_time:
+            self._held = [*self._held, ready][-self.config.window.restart_inputs :]
             kind = EventKind.TIME_JUMP if lateness.jumped else EventKind.TOO_LATE
             window = self.config.window.window_s
             return [Event(kind, ready.time, age=lateness.age, window=window)], math.inf
-        events, changed = self._take_odometry(ready) if isinstance(ready, Odometry) else self._take_look(ready)
-        return before + events, changed
+        events = self._restarted(ready.time) if lateness.restarted else []
+        since = math.inf
+        for one in (*self._held, ready):
+            if self._clock.horizon <= one.time <= self._clock.newest:
+                fates, changed = self._take_odometry(one) if isinstance(one, Odometry) else self._take_look(one)
+                events += fates
+                since = min(since, changed)
+        self._held = []
+        return events, since
 
     def _checked(self, inputs: Sequence[Input]) -> list[Ready | BadInputError]:
         """Return inputs ready to be used, or what is wrong with them; all measurements at once."""

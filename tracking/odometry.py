@@ -131,21 +131,26 @@ class OdometryNoise:
         Returns
         -------
         Motion
-            Its noise is proportional to the time, so that it does not matter how a way is cut into motions.
+            Its noise is proportional to the time, so that it does not matter how a straight way is cut into motions;
+            on a curve, to the second order of the turn.
         """
         increment = twist.after(duration)
         path = math.hypot(twist.forward, twist.left) * duration
-        # a turn comes about evenly over the motion, so that half of its error swings what is travelled in it
+        # a turn's error comes about evenly over the motion: its mean swings half of what is travelled in it,
+        # and what varies in it a twelfth of its square
         swing = np.array([-increment[1] / 2, increment[0] / 2, 1.0])
         if rates is None:
             local = self._local(path, abs(twist.turn) * duration, duration)
         else:
             local = rates * sample * duration
-        by_local = np.array([[1.0, 0.0, swing[0]], [0.0, 1.0, swing[1]], [0.0, 0.0, 1.0]])
+        cos, sin = math.cos(increment[2] / 2), math.sin(increment[2] / 2)  # the mean heading
+        by_local = np.array([[cos, -sin, swing[0]], [sin, cos, swing[1]], [0.0, 0.0, 1.0]])
         constants = np.array(
             [[increment[0], duration * swing[0]], [increment[1], duration * swing[1]], [0, duration]]
         )
-        return Motion(increment, by_local @ local @ by_local.T, constants, path, duration)
+        aside = np.array([-increment[1], increment[0], 0.0])
+        covariance = by_local @ local @ by_local.T + local[2, 2] / 12 * np.outer(aside, aside)
+        return Motion(increment, covariance, constants, path, duration)
 
     def _local(self, path: float, turned: float, duration: float) -> FloatArray:
         """Return the (3, 3) covariance of the noise of (ahead, left, turn)."""

@@ -68,10 +68,8 @@ def test_a_chain_carries_noise_and_constants_by_its_derivatives() -> None:
     motions = way(np.random.default_rng(2))
 
     def end(errors: FloatArray) -> FloatArray:
-        moved = zip(motions, errors, strict=True)
-        return chain(
-            [Motion(m.increment + e, m.covariance, m.constants, m.path, m.duration) for m, e in moved]
-        ).increment
+        moved = [replace(one, increment=one.increment + error) for one, error in zip(motions, errors, strict=True)]
+        return chain(moved).increment
 
     step = 1e-6
     covariance, constants = np.zeros((3, 3)), np.zeros((3, 2))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -76,7 +76,8 @@ def simulate(rng: np.random.Generator, config: TrackerConfig, drive: Drive | Non
             twist = Twist(drive.speed, 0.0, drive.swing * math.sin(2 * math.pi * k * dt / 5))
             motion = config.odometry.moved(twist, dt)
             stated = composed(stated, motion.increment)
-            pallet = seen_after(pallet, _true(motion, constants, rng))
+            floor = 1e-3 * config.odometry.floor_mm_per_sqrt_m * math.sqrt(motion.path) * rng.normal()
+            pallet = replace(seen_after(pallet, _true(motion, constants, rng)), z=pallet.z + floor)
             odometry.append(Odometry(k * dt, stated))
             stays = math.exp(-motion.path / config.errors.common_path_m)
             common = stays * common + math.sqrt(1 - stays**2) * rng.normal(size=4)

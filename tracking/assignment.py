@@ -110,13 +110,21 @@ class Comparison:
         return [(observations[i], j) for i, j in zip(*(at.tolist() for at in np.nonzero(near)), strict=True)]
 
     def _possible(self, observations: Sequence[Observation]) -> tuple[BoolArray, FloatArray]:
-        """Return which tracks are of the observations' models and not too far, and how far they are."""
+        """Return which tracks are of the observations' models and not too far, and how far they are.
+
+        Where an observation is only said to be near some place, it may belong to the nearest track alone.
+        """
         placed = np.array([one.place is not None for one in observations])
         places = np.array([one.place or (0.0, 0.0, 0.0) for one in observations])
         away = self._means[:, :3] - places[:, None]
         distances = np.sqrt((away * away).sum(axis=2))
         alike = np.array([one.model for one in observations], dtype=object)[:, None] == self._models
-        return alike.astype(np.bool_) & ((distances <= self._config.max_distance_m) | ~placed[:, None]), distances
+        possible = alike.astype(np.bool_) & ((distances <= self._config.max_distance_m) | ~placed[:, None])
+        for i, one in enumerate(observations):
+            if one.place is not None and one.components[:3] != (0, 1, 2) and possible[i].any():
+                nearest = np.where(possible[i], distances[i], np.inf).argmin()
+                possible[i] = np.arange(len(self.tracks)) == nearest
+        return possible, distances
 
     def _limit(self, observation: Observation) -> float:
         return chi_square_limit(self._config.probability, len(observation.components))

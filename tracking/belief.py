@@ -169,9 +169,10 @@ def advance(foreseen: Foreseen, observations: Sequence[Observation], rules: Rule
     renewed: list[Key] = []
     for i in sorted(set(range(len(observations))) - fates.keys()):
         fates[i] = _left_over(foreseen, observations[i], tracks, renewed, rules)
-    kept, merged = _exclusive(tracks, rules)
+    vague = {track.key: why for track in tracks if track.misses and (why := track.vague(rules.config.life))}
+    kept, merged = _exclusive([track for track in tracks if track.key not in vague], rules)
     order = tuple(fates[i] for i in range(len(observations)))
-    ended = (*foreseen.ended, *merged)
+    ended = (*foreseen.ended, *vague.items(), *merged)
     return Belief(foreseen.time, tuple(sorted(kept, key=lambda one: one.key)), order, ended, tuple(renewed))
 
 

@@ -89,6 +89,7 @@ class PalletFilter(ExtendedKalmanFilter):
         self.x: FloatArray = np.zeros(SIZE)
         self.P: FloatArray = np.eye(SIZE)
         self._common_path = config.errors.common_path_m
+        self._floor = 1e-3 * config.odometry.floor_mm_per_sqrt_m
         self._estimated = config.estimate_odometry
         self._constants = np.diag(config.odometry.constants**2)
 
@@ -156,6 +157,7 @@ class PalletFilter(ExtendedKalmanFilter):
         F[:, POSE, CONSTANTS] = by_motion @ motion.constants
         Q = np.tile(np.diag((1 - stays**2) * _SHARED), (len(means), 1, 1))
         Q[:, POSE, POSE] = by_motion @ motion.covariance @ by_motion.transpose(0, 2, 1)
+        Q[:, 2, 2] = self._floor**2 * motion.path
         return F, Q, after
 
     def model(self, observation: Observation, scale: float = 1.0) -> MeasurementModel:

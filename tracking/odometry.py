@@ -96,6 +96,8 @@ class OdometryNoise:
     """Random error of the distance, which grows with the root of the way."""
     slip_mm_per_sqrt_m: float = 1.0
     """Random motion sideways, which grows with the root of the way."""
+    floor_mm_per_sqrt_m: float = 0.5
+    """Random change of the height by the floor, which grows with the root of the way."""
     speed_mm_per_sqrt_s: float = 4.0
     """Random error of the distance, which grows with the root of the time while the wheels turn."""
     gyro_bias_deg_s: float = 0.2

@@ -101,6 +101,7 @@ class Replay:
         return first
 
     def _step(self, before: Belief, look: Look) -> Belief:
+        before = self._carried(before, look.time)
         if before.time is None:
             motion = no_motion() if self.path.reaches(look.time) else None
         else:
@@ -110,6 +111,25 @@ class Replay:
         if self._foreseen is None or not self._foreseen.serves(before, motion, look.time):
             self._foreseen = Foreseen(before, motion, look.time, self._rules)
         return advance(self._foreseen, look.observations, self._rules)
+
+    def _carried(self, belief: Belief, until: float) -> Belief:
+        """Return a belief carried along while no shot comes, so that old odometry can be dropped.
+
+        It stops at the last sample of every whole window that ended a window before: these are the same whether they
+        are asked for at the next shot or when an older input can come no more.
+        """
+        window = self._rules.config.window.window_s
+        while belief.time is not None:
+            following = self.path.first_after(belief.time)
+            if following is None:
+                break
+            stop = belief.time + window * max(1, math.ceil((following - belief.time) / window))
+            last = self.path.last_before(stop)
+            motion = None if last is None or stop + window >= until else self.path.motion(belief.time, last)
+            if last is None or motion is None:
+                break
+            belief = carried(belief, motion, last, self._rules)
+        return belief
 
     def forget_before(self, horizon: float) -> tuple[Look, ...]:
         """Drop what no input from a time on can change any more.
@@ -129,24 +149,6 @@ class Replay:
         if count:
             self.base = self.beliefs[count - 1]
             del self.looks[:count], self.beliefs[:count], self._times[:count]
-        self._carry_base(horizon)
+        self.base = self._carried(self.base, horizon)
         self.path.forget_before(horizon if self.base.time is None else min(self.base.time, horizon))
         return final
-
-    def _carry_base(self, horizon: float) -> None:
-        """Carry what is believed along while no shot comes, so that old odometry can be dropped.
-
-        Goes to the last sample of every whole window since: that does not depend on when it is done.
-        """
-        window = self._rules.config.window.window_s
-        while self.base.time is not None:
-            time = self.base.time
-            following = self.path.first_after(time)
-            if following is None or following >= horizon:
-                return
-            until = time + window * max(1, math.ceil((following - time) / window))
-            last = self.path.last_before(until)
-            motion = None if last is None or until >= horizon else self.path.motion(time, last)
-            if last is None or motion is None:
-                return
-            self.base = carried(self.base, motion, last, self._rules)

@@ -110,10 +110,12 @@ class Track:
             return f"not seen in {self.misses} shots before it was confirmed"
         if self.is_too_old(time, config):
             return f"not seen for {time - self.seen:.3g} s"
-        sigma = floor_sigma(self.state.covariance)
-        if sigma > config.max_sigma_m:
-            return f"its place is known to {sigma:.2g} m only"
         return ""
+
+    def vague(self, config: LifeConfig) -> str:
+        """Return why it is not worth keeping unless it is seen; nothing where its place is known well enough."""
+        sigma = floor_sigma(self.state.covariance)
+        return f"its place is known to {sigma:.2g} m only" if sigma > config.max_sigma_m else ""
 
     def is_too_old(self, time: float, config: LifeConfig) -> bool:
         """Tell whether its last measurement is too long ago."""

@@ -3,6 +3,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -49,20 +50,22 @@ class Plain:
         self.x, self.P = x, P
 
     @staticmethod
-    def f(x: FloatArray, motion: Motion, noise: FloatArray) -> FloatArray:
+    def f(x: FloatArray, motion: Motion, noise: Any) -> Any:
         dx, dy, turn = motion.increment + motion.constants @ x[CONSTANTS] + noise[:3]
         stays = math.exp(-motion.path / CONFIG.errors.common_path_m)
         back = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
         place = back @ (x[:2] - np.array([dx, dy]))
-        return np.array([*place, x[2], x[3] - turn, *x[CONSTANTS], *(stays * x[COMMON] + noise[3:])])
+        common = stays * x[COMMON] + noise[3:7]
+        return np.array([*place, x[2] + noise[7], x[3] - turn, *x[CONSTANTS], *common])
 
     def predict(self, motion: Motion) -> None:
-        step, none = 1e-30, np.zeros(7)  # along the imaginary axis: no cancellation
+        step, none = 1e-30, np.zeros(8)  # along the imaginary axis: no cancellation
         F = np.array([self.f(self.x + step * 1j * e, motion, none).imag / step for e in np.eye(10)]).T
-        G = np.array([self.f(self.x, motion, step * 1j * e).imag / step for e in np.eye(7)]).T
-        q = np.zeros((7, 7))
+        G = np.array([self.f(self.x, motion, step * 1j * e).imag / step for e in np.eye(8)]).T
+        q = np.zeros((8, 8))
         q[:3, :3] = motion.covariance
-        q[3:, 3:] = (1 - math.exp(-2 * motion.path / CONFIG.errors.common_path_m)) * np.eye(4)
+        q[3:7, 3:7] = (1 - math.exp(-2 * motion.path / CONFIG.errors.common_path_m)) * np.eye(4)
+        q[7, 7] = (1e-3 * NOISE.floor_mm_per_sqrt_m) ** 2 * motion.path
         self.x = self.f(self.x, motion, none)
         self.P = F @ self.P @ F.T + G @ q @ G.T
 
@@ -90,7 +93,7 @@ def test_it_is_the_textbooks_filter_over_500_steps_with_all_kinds_of_measurement
         (predicted,) = engine.predicted([state], motion)
         plain.predict(motion)
         parts = PARTS[step % len(PARTS)]
-        truth = Plain.f(np.concatenate([truth, np.zeros(6)]), motion, np.zeros(7))[:4]
+        truth = Plain.f(np.concatenate([truth, np.zeros(6)]), motion, np.zeros(8))[:4]
         one = seen(truth + 0.01 * rng.normal(size=4), covariance(rng, len(parts)), parts)
         state = engine.updated(predicted.state, one)
         plain.update(one)
@@ -115,6 +118,7 @@ def test_the_derivatives_of_a_step_are_those_of_finite_differences() -> None:
             for e in np.eye(3)
         ]
         G = (np.array(noisy) - after).T / step
+        Q[2, 2] -= (1e-3 * NOISE.floor_mm_per_sqrt_m) ** 2 * motion.path
         np.testing.assert_allclose(Q[POSE, POSE], (G @ motion.covariance @ G.T)[POSE, POSE], atol=1e-10)
 
 
@@ -164,7 +168,7 @@ def test_the_yaw_goes_round_and_round() -> None:
     state = engine.begin(seen(truth, R))
     turning = NOISE.moved(Twist(0.0, 0.0, 0.9), 0.2)
     for _ in range(400):
-        truth = Plain.f(np.concatenate([truth, np.zeros(6)]), turning, np.zeros(7))[:4]
+        truth = Plain.f(np.concatenate([truth, np.zeros(6)]), turning, np.zeros(8))[:4]
         (predicted,) = engine.predicted([state], turning)
         state = engine.updated(predicted.state, seen(truth + rng.multivariate_normal(np.zeros(4), R), R))
         assert -math.pi <= state.mean[YAW] < math.pi
@@ -207,11 +211,10 @@ def still_one(steps: int, estimated: bool) -> None:
     R = np.diag([1e-6, 4e-4, 1e-8, 1e-6])
     state = engine.begin(seen(np.array([3.0, 1.0, 0.5, 1.0]), R))
     ways = [moved(rng) for _ in range(20)] + [moved(rng, -0.6) for _ in range(20)]
+    one = seen(state.mean[POSE], R)
     for step in range(steps):
         (predicted,) = engine.predicted([state], ways[step % 40])
-        one = (
-            seen(predicted.state.mean[POSE], R) if step % 50 == 0 else replace(one, values=predicted.state.mean[POSE])
-        )
+        one = replace(one, values=predicted.state.mean[POSE])
         state = engine.updated(predicted.state, one)
         if step % 97 == 0 or step == steps - 1:
             P = state.covariance
@@ -231,7 +234,9 @@ def errors_of(engine: PalletFilter, rng: np.random.Generator, wrong: bool = Fals
     found = []
     for step in range(60):
         motion = NOISE.moved(Twist(0.6 if step % 20 < 10 else -0.6, 0.0, 0.5 if step % 14 < 7 else -0.5), 0.25)
-        noise = np.concatenate([rng.multivariate_normal(np.zeros(3), motion.covariance), np.zeros(4)])
+        noise = np.zeros(8)
+        noise[:3] = rng.multivariate_normal(np.zeros(3), motion.covariance)
+        noise[7] = 1e-3 * NOISE.floor_mm_per_sqrt_m * math.sqrt(motion.path) * rng.normal()
         truth = Plain.f(np.concatenate([truth, constants, np.zeros(4)]), motion, noise)[:4]
         (predicted,) = engine.predicted([state], motion)
         state = predicted.state
@@ -284,7 +289,7 @@ def test_constants_are_learned_while_driving() -> None:
     state = engine.begin(seen(truth, R))
     for step in range(100):
         motion = NOISE.moved(Twist(0.6 if step < 50 else -0.6, 0.0, 0.1), 0.2)
-        truth = Plain.f(np.concatenate([truth, constants, np.zeros(4)]), motion, np.zeros(7))[:4]
+        truth = Plain.f(np.concatenate([truth, constants, np.zeros(4)]), motion, np.zeros(8))[:4]
         (predicted,) = engine.predicted([state], motion)
         state = engine.updated(predicted.state, seen(truth, R))
     np.testing.assert_allclose(state.mean[CONSTANTS], constants, rtol=0.25)

@@ -11,7 +11,7 @@ import numpy as np
 from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 from palletloc.measurement import PalletMeasurement, YawSource
 from tracking.config import TrackerConfig
-from tracking.motion import Motion, Twist
+from tracking.motion import Twist
 from tracking.observation import Observation, observe
 from tracking.odometry import Odometry
 
@@ -68,23 +68,27 @@ def simulate(rng: np.random.Generator, config: TrackerConfig, drive: Drive | Non
     drive = drive or Drive()
     dt = 1 / drive.rate
     constants = rng.normal(size=2) * config.odometry.constants
-    common = rng.normal(size=4)
     stated, pallet = LevelPose(0.0, 0.0, 0.0, 0.0), drive.pallet
-    odometry, measurements, truth = [Odometry(0.0, stated)], [], []
-    for k in range(round(drive.duration * drive.rate) + 1):
-        if k:
-            twist = Twist(drive.speed, 0.0, drive.swing * math.sin(2 * math.pi * k * dt / 5))
-            motion = config.odometry.moved(twist, dt)
-            stated = composed(stated, motion.increment)
-            floor = 1e-3 * config.odometry.floor_mm_per_sqrt_m * math.sqrt(motion.path) * rng.normal()
-            pallet = replace(seen_after(pallet, _true(motion, constants, rng)), z=pallet.z + floor)
-            odometry.append(Odometry(k * dt, stated))
-            stays = math.exp(-motion.path / config.errors.common_path_m)
-            common = stays * common + math.sqrt(1 - stays**2) * rng.normal(size=4)
-        if k % drive.shot_every == 0:
-            measurements.append(_measured(k * dt, pallet, common, config, drive, rng))
-            truth.append(pallet.as_array())
-    return Approach(tuple(odometry), tuple(measurements), np.array(truth))
+    odometry, seen, ways = [Odometry(0.0, stated)], [pallet], [0.0]
+    for k in range(1, round(drive.duration * drive.rate) + 1):
+        motion = config.odometry.moved(_rates(drive, k * dt), dt)
+        stated = composed(stated, motion.increment)
+        odometry.append(Odometry(k * dt, stated))
+        noise = np.linalg.cholesky(motion.covariance) @ rng.normal(size=3)
+        floor = 1e-3 * config.odometry.floor_mm_per_sqrt_m * math.sqrt(motion.path) * rng.normal()
+        pallet = seen_after(pallet, motion.increment + motion.constants @ constants + noise)
+        pallet = replace(pallet, z=pallet.z + floor)
+        seen.append(pallet)
+        ways.append(ways[-1] + motion.path)
+    shots = range(0, len(seen), drive.shot_every)
+    times = [odometry[k].time for k in shots]
+    truth = [seen[k] for k in shots]
+    measurements = _measured(times, truth, np.diff([ways[k] for k in shots]), config, drive, rng)
+    return Approach(tuple(odometry), measurements, np.array([one.as_array() for one in truth]))
+
+
+def _rates(drive: Drive, time: float) -> Twist:
+    return Twist(drive.speed, 0.0, drive.swing * math.sin(2 * math.pi * time / 5))
 
 
 def composed(pose: LevelPose, increment: FloatArray | Sequence[float]) -> LevelPose:
@@ -102,25 +106,38 @@ def seen_after(pallet: LevelPose, increment: FloatArray | Sequence[float]) -> Le
     return LevelPose(cos * x + sin * y, cos * y - sin * x, pallet.z, wrap_angle(pallet.yaw - turn))
 
 
-def _true(motion: Motion, constants: FloatArray, rng: np.random.Generator) -> FloatArray:
-    noise = rng.multivariate_normal(np.zeros(3), motion.covariance, method="eigh")
-    return motion.increment + motion.constants @ constants + noise
-
-
 def _measured(
-    time: float, pallet: LevelPose, common: FloatArray, config: TrackerConfig, drive: Drive, rng: np.random.Generator
-) -> PalletMeasurement:
-    range_squared = pallet.x**2 + pallet.y**2 + pallet.z**2
-    sigmas = range_squared * np.array([drive.sigma_m, 2 * drive.sigma_m, drive.sigma_m, drive.sigma_yaw])
-    bearing = math.atan2(pallet.y, pallet.x) + math.pi / 2
-    cos, sin = math.cos(bearing), math.sin(bearing)
+    times: Sequence[float],
+    truth: Sequence[LevelPose],
+    ways: FloatArray,
+    config: TrackerConfig,
+    drive: Drive,
+    rng: np.random.Generator,
+) -> tuple[PalletMeasurement, ...]:
+    """Return measurements whose errors share what the parameters say over the ways between them."""
+    exact = [
+        PalletMeasurement(time, MODEL, pose, _covariance(pose, drive), 0.9, YawSource.FACE)
+        for time, pose in zip(times, truth, strict=True)
+    ]
+    common = rng.normal(size=4)
+    found = []
+    for one, split, way in zip(exact, observe(exact, config.errors), (0.0, *ways), strict=True):
+        if not isinstance(split, Observation):
+            raise split
+        stays = math.exp(-way / config.errors.common_path_m)
+        common = stays * common + math.sqrt(1 - stays**2) * rng.normal(size=4)
+        own = np.linalg.cholesky(split.own) @ rng.normal(size=4)
+        x, y, z, yaw = (one.forklift_from_pallet.as_array() + split.common @ common + own).tolist()
+        found.append(replace(one, forklift_from_pallet=LevelPose(x, y, z, wrap_angle(yaw))))
+    return tuple(found)
+
+
+def _covariance(pallet: LevelPose, drive: Drive) -> FloatArray:
+    """Return the covariance of a measured pose: along the line of sight it is known half as well as across."""
+    squared = pallet.x**2 + pallet.y**2 + pallet.z**2
+    sigmas = squared * np.array([2 * drive.sigma_m, drive.sigma_m, drive.sigma_m, drive.sigma_yaw])
+    bearing = math.atan2(pallet.y, pallet.x)
     axes = np.eye(4)
-    axes[:2, :2] = [[cos, -sin], [sin, cos]]
+    axes[:2, :2] = [[math.cos(bearing), -math.sin(bearing)], [math.sin(bearing), math.cos(bearing)]]
     covariance = axes @ np.diag(sigmas**2) @ axes.T
-    exact = PalletMeasurement(time, MODEL, pallet, (covariance + covariance.T) / 2, 0.9, YawSource.FACE)
-    (split,) = observe([exact], config.errors)
-    if not isinstance(split, Observation):
-        raise split
-    own = rng.multivariate_normal(np.zeros(4), split.own, method="eigh")
-    x, y, z, yaw = (pallet.as_array() + split.common @ common + own).tolist()
-    return PalletMeasurement(time, MODEL, LevelPose(x, y, z, wrap_angle(yaw)), exact.covariance, 0.9, YawSource.FACE)
+    return np.asarray((covariance + covariance.T) / 2)

@@ -145,7 +145,10 @@ def restored(
 
 
 def _checked(snapshot: Mapping[str, Any]) -> SnapshotForm:
-    version = dict(snapshot).get("version")
+    try:
+        version = dict(snapshot).get("version")
+    except (TypeError, ValueError):
+        raise SnapshotError(f"snapshot: expected a mapping, got {type(snapshot).__name__}") from None
     if version != VERSION:
         raise SnapshotError(f"snapshot: version: expected {VERSION}, got {version!r}")
     try:

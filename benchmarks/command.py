@@ -64,7 +64,7 @@ def _measured(options: argparse.Namespace, recordings: Sequence[Path], console: 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks",
-        description="CPU time in one thread, as medians and ratios within one process; accuracy; consistency; tracking.",
+        description="CPU time in one thread, as medians and ratios; accuracy; consistency; tracking.",
     )
     parser.add_argument(
         "recordings",

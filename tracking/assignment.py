@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from itertools import groupby
 from typing import NamedTuple
@@ -18,6 +19,8 @@ from tracking.track import Track
 
 FORBIDDEN = 1e9
 """Cost of a pair outside the gate."""
+FEW = 4
+"""Pairs that are compared without a look at how far they are apart."""
 
 
 class Pairing(NamedTuple):
@@ -88,7 +91,7 @@ class Comparison:
 
     def nearest(self, observation: Observation) -> int | None:
         """Return the track of an observation's model that it fits best, however badly; None where all are too far."""
-        possible = np.flatnonzero(self._possible([observation])[0][0]).tolist()
+        possible = self._possible_of(observation)
         self._compare([(observation, j) for j in possible])
         known = self._known.get(observation.order, {})
         return min(possible, key=lambda j: known[j].innovation.distance, default=None)
@@ -99,6 +102,8 @@ class Comparison:
         The Mahalanobis distance is at least that of the place alone, and that at least the squared distance over the
         trace of its covariance.
         """
+        if len(observations) * len(self.tracks) <= FEW:  # comparing them is as cheap
+            return [(one, j) for one in observations for j in self._possible_of(one)]
         possible, away = self._possible(observations)
         placed = np.array([one.place is not None and one.components[:3] == (0, 1, 2) for one in observations])
         stated = np.array([one.covariance.diagonal()[:3].sum() for one in observations])
@@ -126,6 +131,17 @@ class Comparison:
                 possible[i] = np.arange(len(self.tracks)) == nearest
         return possible, distances
 
+    def _possible_of(self, observation: Observation) -> list[int]:
+        """Return the same of a single observation."""
+        alike = [j for j, track in enumerate(self.tracks) if track.model == observation.model]
+        if observation.place is None:
+            return alike
+        away = {j: math.dist(self._means[j, :3].tolist(), observation.place) for j in alike}
+        possible = [j for j in alike if away[j] <= self._config.max_distance_m]
+        if observation.components[:3] == (0, 1, 2) or not possible:
+            return possible
+        return [min(possible, key=lambda j: away[j])]
+
     def _limit(self, observation: Observation) -> float:
         return chi_square_limit(self._config.probability, len(observation.components))
 
@@ -141,7 +157,7 @@ class Comparison:
                 self._known.setdefault(one.order, {})[j] = Pairing(innovation, scale, limit)
 
 
-def assign(comparison: Comparison, observations: Sequence[Observation]) -> dict[int, int]:
+def assign(comparison: Comparison, observations: Sequence[Observation]) -> dict[int, tuple[int, Pairing]]:
     """Assign observations to tracks by the Hungarian method.
 
     The cost of a pair is NIS + ln|S|, minus twice the logarithm of its likelihood: without the second part, a
@@ -157,14 +173,17 @@ def assign(comparison: Comparison, observations: Sequence[Observation]) -> dict[
     Returns
     -------
     dict
-        Track of each observation, by their indices: each at most once, only pairs inside the gate.
+        Track of each observation, by their indices, and how they compare: each at most once, only inside the gate.
     """
     rows = comparison.pairings(observations)
     passing = {(i, j): one for i, row in enumerate(rows) for j, one in row.items() if one.passes}
     if not passing:
         return {}
+    if len(passing) == 1:
+        ((i, j), one) = next(iter(passing.items()))
+        return {i: (j, one)}
     cost = np.full((len(observations), len(comparison.tracks)), FORBIDDEN)
     for pair, one in passing.items():
         cost[pair] = one.innovation.distance + one.innovation.log_volume
     found = zip(*(indices.tolist() for indices in linear_sum_assignment(cost)), strict=True)
-    return {i: j for i, j in found if (i, j) in passing}
+    return {i: (j, passing[i, j]) for i, j in found if (i, j) in passing}

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tracking.assignment import Comparison, Pairing, assign
+from tracking.assignment import FEW, Comparison, Pairing, assign
 from tracking.config import TrackerConfig
 from tracking.events import EventKind
 from tracking.filter import POSE, PalletFilter
@@ -95,6 +95,7 @@ class Foreseen:
         self.comparison = Comparison(alive, rules.engine, rules.config.gate)
         self._hits: dict[tuple[int, str], Track] = {}
         self._missed: dict[int, Track] = {}
+        self._apart: dict[int, Track] = {}
 
     def serves(self, before: Belief, motion: Motion, time: float) -> bool:
         """Tell whether it comes of just these."""
@@ -113,6 +114,18 @@ class Foreseen:
             before = self.comparison.tracks[track]
             self._missed[track] = replace(before, misses=before.misses + 1)
         return self._missed[track]
+
+    def are_apart(self, tracks: Sequence[Track]) -> bool:
+        """Tell whether no two tracks are in the same place; only those are looked at that were not there before."""
+        fresh = [track for track in tracks if id(track) not in self._apart]
+        footprints = self._rules.footprints
+        if len(fresh) > FEW:
+            apart = not footprints.sharing(_standing(tracks))
+        else:
+            others = _standing(tracks)
+            apart = all(footprints.same_place(one, others).sum() == 1 for one in _standing(fresh))
+        self._apart = {id(track): track for track in tracks} if apart else {}
+        return apart
 
 
 def carried(before: Belief, motion: Motion, time: float, rules: Rules) -> Belief:
@@ -157,20 +170,21 @@ def advance(foreseen: Foreseen, observations: Sequence[Observation], rules: Rule
     """
     comparison = foreseen.comparison
     pairs = assign(comparison, observations)
-    pairings = comparison.pairings(observations)
     fates: dict[int, Fate] = {}
     tracks = list(comparison.tracks)
-    for i, j in pairs.items():
-        pairing = pairings[i][j]
+    for i, (j, pairing) in pairs.items():
         tracks[j] = foreseen.hit(j, observations[i], pairing)
         fates[i] = Fate(EventKind.ACCEPTED, tracks[j].key, pairing.innovation.distance, pairing.limit)
-    for j in set(range(len(tracks))) - set(pairs.values()):
+    for j in set(range(len(tracks))) - {j for j, _ in pairs.values()}:
         tracks[j] = foreseen.missed(j)
     renewed: list[Key] = []
     for i in sorted(set(range(len(observations))) - fates.keys()):
         fates[i] = _left_over(foreseen, observations[i], tracks, renewed, rules)
     vague = {track.key: why for track in tracks if track.misses and (why := track.vague(rules.config.life))}
-    kept, merged = _exclusive([track for track in tracks if track.key not in vague], rules)
+    kept = [track for track in tracks if track.key not in vague]
+    merged: list[tuple[Key, str]] = []
+    if not foreseen.are_apart(kept):
+        kept, merged = _exclusive(kept, rules)
     order = tuple(fates[i] for i in range(len(observations)))
     ended = (*foreseen.ended, *vague.items(), *merged)
     return Belief(foreseen.time, tuple(sorted(kept, key=lambda one: one.key)), order, ended, tuple(renewed))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -16,6 +15,8 @@ LEAST_CORRELATION = 1e-9
 """Smallest eigenvalue of the correlations that it may state."""
 LARGEST = 1e6
 """Largest coordinate or rate that makes sense, in metres, radians and seconds."""
+LARGEST_TIME = 1e12
+"""Largest time, in seconds: the next one that differs is a tenth of a millisecond away."""
 LARGEST_SIGMA = 1e3
 """Largest standard deviation: what is known no better is as good as unknown."""
 
@@ -42,9 +43,9 @@ class UnknownTrackError(PalletLocError):
 
 
 def check_time(time: float) -> None:
-    """Raise an `BadInputError` where a time is not a finite number."""
-    if not math.isfinite(time):
-        raise BadInputError("time", time, "expected a finite number of seconds")
+    """Raise an `BadInputError` where a time is not a finite number, or too large to tell milliseconds apart."""
+    if not abs(time) <= LARGEST_TIME:
+        raise BadInputError("time", time, f"expected a finite number of seconds, up to {LARGEST_TIME:g}")
 
 
 def numbers(name: str, given: object, shape: tuple[int, ...], time: float) -> FloatArray:

@@ -91,7 +91,11 @@ class Footprints:
 
     def _stacked(self, pallets: Sequence[Standing]) -> tuple[FloatArray, FloatArray, FloatArray]:
         poses = np.array([one.pose for one in pallets])
-        outlines = np.array([self._outlines.get(one.model, self._smallest) for one in pallets])
+        models = [one.model for one in pallets]
+        outlines = np.array([self._outlines.get(model, self._smallest) for model in dict.fromkeys(models)])
+        if len(outlines) > 1:
+            outlines = np.array([self._outlines.get(model, self._smallest) for model in models])
+        outlines = np.broadcast_to(outlines, (len(models), 3))
         return poses, outlines, np.array([one.covariance[2, 2] for one in pallets])
 
 
@@ -106,4 +110,6 @@ def _overlap(
     up = others[:, 2] - poses[one, 2]
     unsure = UNSURE * np.sqrt(variances[one] + variances[two])
     others[:, 2] = poses[one, 2] + np.sign(up) * np.maximum(np.abs(up) - unsure, 0.0)
-    return overlaps(poses[one], outlines[one], others, outlines[two])
+    # seen from either of them: they may be turned against each other
+    first = overlaps(poses[one], outlines[one], others, outlines[two])
+    return first | overlaps(others, outlines[two], poses[one], outlines[one])

@@ -134,6 +134,9 @@ class Replay:
     def forget_before(self, horizon: float) -> tuple[Look, ...]:
         """Drop what no input from a time on can change any more.
 
+        A shot waits for a sample of odometry after it that is as old: until then another one may come between them,
+        but it waits no longer than another window.
+
         Parameters
         ----------
         horizon : float
@@ -144,7 +147,10 @@ class Replay:
         tuple of Look
             The looks whose steps are final now.
         """
-        count = bisect_left(self._times, horizon)
+        sure = self.path.last_before(math.nextafter(horizon, -math.inf))
+        count = bisect_left(self._times, horizon - self._rules.config.window.window_s)
+        if sure is not None:
+            count = max(count, bisect_right(self._times, sure))
         final = tuple(self.looks[:count])
         if count:
             self.base = self.beliefs[count - 1]

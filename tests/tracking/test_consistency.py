@@ -58,7 +58,11 @@ def tracked(approach: Approach, config: TrackerConfig, factor: float) -> Run:
         stated = replace(measurement, covariance=factor * measurement.covariance)
         tracker.push([*approach.odometry[taken:upto], stated])
         taken = upto
-        state = tracker.state(1)
+        state = min(tracker.tracks(), key=lambda one: abs(one.pose.x - truth[0]), default=None)
+        if state is None:  # between a track that was lost and the next one
+            run.nees.append(np.nan)
+            run.nis.append(np.nan)
+            continue
         away = state.pose.as_array() - truth
         away[3] = wrap_angle(float(away[3]))
         run.nees.append(float(away @ np.linalg.solve(state.covariance, away)))

@@ -96,6 +96,8 @@ class Foreseen:
         self._hits: dict[tuple[int, str], Track] = {}
         self._missed: dict[int, Track] = {}
         self._apart: dict[int, Track] = {}
+        self.vague: dict[Key, str] = {}
+        """Tracks that are not worth keeping unless they are seen, and why."""
 
     def serves(self, before: Belief, motion: Motion, time: float) -> bool:
         """Tell whether it comes of just these."""
@@ -113,10 +115,15 @@ class Foreseen:
         if track not in self._missed:
             before = self.comparison.tracks[track]
             self._missed[track] = replace(before, misses=before.misses + 1)
+            why = before.vague(self._rules.config.life)
+            if why:
+                self.vague[before.key] = why
         return self._missed[track]
 
     def are_apart(self, tracks: Sequence[Track]) -> bool:
         """Tell whether no two tracks are in the same place; only those are looked at that were not there before."""
+        if len(tracks) < 2:
+            return True
         fresh = [track for track in tracks if id(track) not in self._apart]
         footprints = self._rules.footprints
         if len(fresh) > FEW:
@@ -180,7 +187,7 @@ def advance(foreseen: Foreseen, observations: Sequence[Observation], rules: Rule
     renewed: list[Key] = []
     for i in sorted(set(range(len(observations))) - fates.keys()):
         fates[i] = _left_over(foreseen, observations[i], tracks, renewed, rules)
-    vague = {track.key: why for track in tracks if track.misses and (why := track.vague(rules.config.life))}
+    vague = {one.key: foreseen.vague[one.key] for one in tracks if one.misses and one.key in foreseen.vague}
     kept = [track for track in tracks if track.key not in vague]
     merged: list[tuple[Key, str]] = []
     if not foreseen.are_apart(kept):

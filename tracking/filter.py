@@ -35,6 +35,7 @@ POSE, CONSTANTS, COMMON = slice(0, 4), slice(4, 6), slice(6, 10)
 """Where its parts are."""
 _SHARED = np.array([0.0] * COMMON.start + [1.0] * 4)
 _CARRIED = 1.0 - _SHARED
+_ALL = np.arange(SIZE)
 
 
 class Gaussian(NamedTuple):
@@ -151,11 +152,13 @@ class PalletFilter(ExtendedKalmanFilter):
         by_motion[:, 0, 1], by_motion[:, 1, 0] = -sin, sin
         by_motion[:, 0, 2], by_motion[:, 1, 2] = after[:, 1], -after[:, 0]
         by_motion[:, YAW, 2] = -1.0
-        F = np.tile(np.diag(_CARRIED + stays * _SHARED), (len(means), 1, 1))
+        F = np.zeros((len(means), SIZE, SIZE))
+        F[:, _ALL, _ALL] = _CARRIED + stays * _SHARED
         F[:, 0, 0] = F[:, 1, 1] = cos
         F[:, 0, 1], F[:, 1, 0] = sin, -sin
         F[:, POSE, CONSTANTS] = by_motion @ motion.constants
-        Q = np.tile(np.diag((1 - stays**2) * _SHARED), (len(means), 1, 1))
+        Q = np.zeros_like(F)
+        Q[:, _ALL, _ALL] = (1 - stays**2) * _SHARED
         Q[:, POSE, POSE] = by_motion @ motion.covariance @ by_motion.transpose(0, 2, 1)
         Q[:, 2, 2] = self._floor**2 * motion.path
         return F, Q, after

@@ -1,4 +1,4 @@
-"""``python -m benchmarks [RECORDING ...] [--accuracy | --consistency SCENES] [--json | --markdown]``."""
+"""``python -m benchmarks [RECORDING ...] [--accuracy | --tracking | --consistency SCENES] [--json | --markdown]``."""
 
 from __future__ import annotations
 

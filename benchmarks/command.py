@@ -16,6 +16,7 @@ from benchmarks.accuracy import measure_accuracy
 from benchmarks.consistency import measure_consistency
 from benchmarks.speed import measure_speed
 from benchmarks.tables import Section, as_markdown, as_table
+from benchmarks.tracking import measure_tracking
 from palletloc.config import Method
 from palletloc.errors import PalletLocError
 
@@ -53,6 +54,8 @@ def _measured(options: argparse.Namespace, recordings: Sequence[Path], console: 
     if options.consistency:
         seeds = range(options.seed, options.seed + options.consistency)
         return measure_consistency(seeds, options.methods, options.shots, options.width, console)
+    if options.tracking:
+        return measure_tracking(options.rounds)
     if options.accuracy:
         return measure_accuracy(recordings, console, options.figure)
     return measure_speed(recordings[0], options.rounds, console)
@@ -61,7 +64,7 @@ def _measured(options: argparse.Namespace, recordings: Sequence[Path], console: 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks",
-        description="CPU time in one thread, as medians and as ratios within one process; accuracy; or consistency.",
+        description="CPU time in one thread, as medians and ratios; accuracy; consistency; tracking.",
     )
     parser.add_argument(
         "recordings",
@@ -73,6 +76,9 @@ def _parser() -> argparse.ArgumentParser:
     instead = parser.add_mutually_exclusive_group()
     instead.add_argument(
         "--accuracy", action="store_true", help="compare the methods on recordings with truth instead"
+    )
+    instead.add_argument(
+        "--tracking", action="store_true", help="how long the tracker takes instead; needs no recording"
     )
     instead.add_argument(
         "--consistency",

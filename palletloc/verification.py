@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palletloc.geometry import FloatArray, LevelPose
+from palletloc.geometry import BoolArray, FloatArray, LevelPose
 from palletloc.measurement import Reason
 from palletloc.pallet import PalletModel
 
@@ -159,12 +159,35 @@ def overlapping(pose: LevelPose, model: PalletModel, other: LevelPose, other_mod
     bool
         Whether their front faces overlap by more than a tenth of the narrower one.
     """
-    dx, dy = other.x - pose.x, other.y - pose.y
-    along = abs(-np.sin(pose.yaw) * dx + np.cos(pose.yaw) * dy)
-    across = abs(np.cos(pose.yaw) * dx + np.sin(pose.yaw) * dy)
-    widths = (model.width, other_model.width)
-    return bool(
-        along < sum(widths) / 2 - 0.1 * min(widths)
-        and abs(other.z - pose.z) < max(model.height, other_model.height)
-        and across < min(model.depth, other_model.depth)
-    )
+    return bool(overlaps(pose.as_array(), outline(model), other.as_array(), outline(other_model)))
+
+
+def outline(model: PalletModel) -> FloatArray:
+    """Return (width, height, depth) of a pallet, as `overlaps` takes it."""
+    return np.array([model.width, model.height, model.depth])
+
+
+def overlaps(poses: FloatArray, outlines: FloatArray, others: FloatArray, other_outlines: FloatArray) -> BoolArray:
+    """Tell which pallets would stand in each other, as `overlapping` does for two of them.
+
+    Parameters
+    ----------
+    poses, others : (..., 4) array
+        (x, y, z, yaw) of both in the same frame; the shapes are broadcast.
+    outlines, other_outlines : (..., 3) array
+        Their widths, heights and depths, in metres.
+
+    Returns
+    -------
+    (...) array of bool
+        Whether their front faces overlap by more than a tenth of the narrower one.
+    """
+    away = others - poses
+    cos, sin = np.cos(poses[..., 3]), np.sin(poses[..., 3])
+    along = np.abs(cos * away[..., 1] - sin * away[..., 0])
+    across = np.abs(cos * away[..., 0] + sin * away[..., 1])
+    narrower = np.minimum(outlines, other_outlines)
+    together = (outlines[..., 0] + other_outlines[..., 0]) / 2 - 0.1 * narrower[..., 0]
+    tall = np.maximum(outlines[..., 1], other_outlines[..., 1])
+    found: BoolArray = (along < together) & (np.abs(away[..., 2]) < tall) & (across < narrower[..., 2])
+    return found

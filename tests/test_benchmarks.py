@@ -26,3 +26,18 @@ def test_the_benchmarks_run_and_print_json(options: list[str]) -> None:
     assert json.loads(done.stdout)
     for method in ("horizontal_plane", "paper", "joint_search"):
         assert method in done.stdout
+
+
+@pytest.mark.slow
+def test_the_cost_of_tracking_is_printed_beside_its_goals() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "benchmarks", "--tracking", "--rounds", "1", "--json"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    (section,) = json.loads(done.stdout)
+    assert [row["goal"] for row in section["rows"]] == [60.0, 3.0, 15.0, 45.0]
+    assert all(row["median"] > 0 for row in section["rows"])

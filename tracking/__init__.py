@@ -12,6 +12,7 @@ from tracking.observation import PartialMeasurement
 from tracking.odometry import Odometry, OdometryNoise, OdometrySource
 from tracking.odometry_errors import OdometryErrors
 from tracking.shot_taken import ShotTaken
+from tracking.snapshot import SnapshotError
 from tracking.track import Status
 from tracking.tracker import PalletTracker
 
@@ -27,6 +28,7 @@ __all__ = [
     "PalletTracker",
     "PartialMeasurement",
     "ShotTaken",
+    "SnapshotError",
     "Status",
     "TrackState",
     "TrackerConfig",

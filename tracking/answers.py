@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from palletloc.geometry import FloatArray, LevelPose
 from tracking.belief import Belief, Rules
-from tracking.motion import Motion, no_motion
 from tracking.path import DrivenPath
 from tracking.track import Key, Status, Track
 
@@ -77,16 +76,20 @@ def states_at(
     """
     if belief.time is None:
         return ()
-    motion = path.extrapolated(belief.time, time) or no_motion()
+    live = [track for track in belief.tracks if not track.is_too_old(time, rules.config.life)]
+    motion = path.extrapolated(belief.time, time) if live else None
+    moved = [track.state for track in live]
+    if motion is not None and motion.duration > 0:
+        moved = [one.state for one in rules.engine.predicted(moved, motion)]
     beyond = not path.is_between_samples(time)
-    live = [track for track in belief.tracks if not track.end(time, rules.config.life)]
-    states = [_state(track, numbers[track.key], time, motion, beyond, rules) for track in live]
+    states = [
+        _state(replace(track, state=state), numbers[track.key], time, beyond, rules)
+        for track, state in zip(live, moved, strict=True)
+    ]
     return tuple(sorted(states, key=lambda one: one.track))
 
 
-def _state(track: Track, number: int, time: float, motion: Motion, beyond: bool, rules: Rules) -> TrackState:
-    state = track.state if motion.duration == 0 else rules.engine.predicted(track.state, motion).state
-    moved = Track(track.key, track.model, state, track.seen)
+def _state(track: Track, number: int, time: float, beyond: bool, rules: Rules) -> TrackState:
     status = track.status(time, rules.config.life)
     if time == track.seen:
         known = Knowledge.EXACT
@@ -100,8 +103,8 @@ def _state(track: Track, number: int, time: float, motion: Motion, beyond: bool,
         status,
         known,
         time,
-        moved.pose,
-        moved.covariance,
+        track.pose,
+        track.covariance,
         time - track.seen,
         track.hits,
         track.nis,

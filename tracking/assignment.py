@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from palletloc.geometry import BoolArray, FloatArray
 from tracking.config import GateConfig
-from tracking.filter import Innovation, PalletFilter
+from tracking.filter import COMMON, POSE, SIZE, Innovation, PalletFilter
 from tracking.gate import chi_square_limit, covariance_scale
 from tracking.observation import Observation
 from tracking.track import Track
 
 FORBIDDEN = 1e9
 """Cost of a pair outside the gate."""
+FEW = 4
+"""Pairs that are compared without a look at how far they are apart."""
 
 
 class Pairing(NamedTuple):
@@ -35,18 +39,125 @@ class Pairing(NamedTuple):
         return self.innovation.distance <= self.limit
 
 
-class Assignment(NamedTuple):
-    """Tracks and observations of a shot that belong together."""
+class Comparison:
+    """Tracks as a shot finds them beside its observations; remembers what was compared while more of them come.
 
-    pairs: dict[int, int]
-    """Track of each observation, by their indices."""
-    pairings: dict[tuple[int, int], Pairing]
-    """All pairs that were compared: (observation, track)."""
+    Parameters
+    ----------
+    tracks : sequence of Track
+        Predicted to the time of the shot.
+    engine : PalletFilter
+        Compares them.
+    config : GateConfig
+        The gate.
+    """
+
+    def __init__(self, tracks: Sequence[Track], engine: PalletFilter, config: GateConfig) -> None:
+        self.tracks = tuple(tracks)
+        self._engine = engine
+        self._config = config
+        self._models = np.array([track.model for track in tracks], dtype=object)
+        self._means = np.array([track.state.mean for track in tracks]).reshape(-1, SIZE)
+        self._scales = np.array([covariance_scale(track.ratios, config) for track in tracks])
+        self._shared = (self._means[:, COMMON] ** 2).sum(axis=1)
+        self._variances = np.array([track.state.covariance.diagonal()[:3].sum() for track in tracks])
+        self._known: dict[str, dict[int, Pairing]] = {}
+
+    @property
+    def poses(self) -> FloatArray:
+        """(n, 4) poses of the tracks."""
+        return self._means[:, POSE]
+
+    def pairings(self, observations: Sequence[Observation]) -> list[dict[int, Pairing]]:
+        """Return for each observation how it compares with the tracks that it may belong to.
+
+        Pairs that are too far apart to pass the gate are left out.
+        """
+        fresh = [one for one in observations if one.order not in self._known]
+        if fresh:
+            self._compare(self._near(fresh))
+            for one in fresh:
+                self._known.setdefault(one.order, {})
+        return [self._known[one.order] for one in observations]
+
+    def pairing(self, observation: Observation, track: int) -> Pairing | None:
+        """Return how an observation compares with a track however far it is; None where it cannot belong to it."""
+        if observation.model != self.tracks[track].model:
+            return None
+        known = self._known.setdefault(observation.order, {})
+        if track not in known:
+            self._compare([(observation, track)])
+        return known[track]
+
+    def nearest(self, observation: Observation) -> int | None:
+        """Return the track of an observation's model that it fits best, however badly; None where all are too far."""
+        possible = self._possible_of(observation)
+        self._compare([(observation, j) for j in possible])
+        known = self._known.get(observation.order, {})
+        return min(possible, key=lambda j: known[j].innovation.distance, default=None)
+
+    def _near(self, observations: Sequence[Observation]) -> list[tuple[Observation, int]]:
+        """Return the pairs of observations and tracks that may pass the gate.
+
+        The Mahalanobis distance is at least that of the place alone, and that at least the squared distance over the
+        trace of its covariance.
+        """
+        if len(observations) * len(self.tracks) <= FEW:  # comparing them is as cheap
+            return [(one, j) for one in observations for j in self._possible_of(one)]
+        possible, away = self._possible(observations)
+        placed = np.array([one.place is not None and one.components[:3] == (0, 1, 2) for one in observations])
+        stated = np.array([one.covariance.diagonal()[:3].sum() for one in observations])
+        shared = np.array([np.vdot(one.common, one.common) for one in observations])
+        limits = np.array([self._limit(one) for one in observations])
+        moved = np.sqrt(shared[:, None] * (self._scales * self._shared))
+        spread = 2 * (self._variances + self._scales * stated[:, None])
+        near = possible & ((np.maximum(away - moved, 0.0) ** 2 <= limits[:, None] * spread) | ~placed[:, None])
+        return [(observations[i], j) for i, j in zip(*(at.tolist() for at in np.nonzero(near)), strict=True)]
+
+    def _possible(self, observations: Sequence[Observation]) -> tuple[BoolArray, FloatArray]:
+        """Return which tracks are of the observations' models and not too far, and how far they are.
+
+        Where an observation is only said to be near some place, it may belong to the nearest track alone.
+        """
+        placed = np.array([one.place is not None for one in observations])
+        places = np.array([one.place or (0.0, 0.0, 0.0) for one in observations])
+        away = self._means[:, :3] - places[:, None]
+        distances = np.sqrt((away * away).sum(axis=2))
+        alike = np.array([one.model for one in observations], dtype=object)[:, None] == self._models
+        possible = alike.astype(np.bool_) & ((distances <= self._config.max_distance_m) | ~placed[:, None])
+        for i, one in enumerate(observations):
+            if one.place is not None and one.components[:3] != (0, 1, 2) and possible[i].any():
+                nearest = np.where(possible[i], distances[i], np.inf).argmin()
+                possible[i] = np.arange(len(self.tracks)) == nearest
+        return possible, distances
+
+    def _possible_of(self, observation: Observation) -> list[int]:
+        """Return the same of a single observation."""
+        alike = [j for j, track in enumerate(self.tracks) if track.model == observation.model]
+        if observation.place is None:
+            return alike
+        away = {j: math.dist(self._means[j, :3].tolist(), observation.place) for j in alike}
+        possible = [j for j in alike if away[j] <= self._config.max_distance_m]
+        if observation.components[:3] == (0, 1, 2) or not possible:
+            return possible
+        return [min(possible, key=lambda j: away[j])]
+
+    def _limit(self, observation: Observation) -> float:
+        return chi_square_limit(self._config.probability, len(observation.components))
+
+    def _compare(self, pairs: Sequence[tuple[Observation, int]]) -> None:
+        for _, alike in groupby(pairs, key=lambda pair: pair[0].components):
+            group = list(alike)
+            observations = [one for one, _ in group]
+            states = [self.tracks[j].state for _, j in group]
+            scales = [float(self._scales[j]) for _, j in group]
+            limit = self._limit(observations[0])
+            found = self._engine.innovations(states, observations, scales)
+            for (one, j), innovation, scale in zip(group, found, scales, strict=True):
+                self._known.setdefault(one.order, {})[j] = Pairing(innovation, scale, limit)
 
 
-def assign(
-    tracks: Sequence[Track], observations: Sequence[Observation], engine: PalletFilter, config: GateConfig
-) -> Assignment:
+def assign(comparison: Comparison, observations: Sequence[Observation]) -> dict[int, tuple[int, Pairing]]:
     """Assign observations to tracks by the Hungarian method.
 
     The cost of a pair is NIS + ln|S|, minus twice the logarithm of its likelihood: without the second part, a
@@ -54,49 +165,25 @@ def assign(
 
     Parameters
     ----------
-    tracks : sequence of Track
-        Predicted to the time of the shot.
+    comparison : Comparison
+        The tracks.
     observations : sequence of Observation
         Of the shot.
-    engine : PalletFilter
-        Compares them.
-    config : GateConfig
-        The gate.
 
     Returns
     -------
-    Assignment
-        Each track and each observation at most once, only pairs inside the gate.
+    dict
+        Track of each observation, by their indices, and how they compare: each at most once, only inside the gate.
     """
-    pairings = {
-        (i, j): _pairing(track, observation, engine, config)
-        for i, observation in enumerate(observations)
-        for j, track in enumerate(tracks)
-        if _comparable(track, observation, config)
-    }
-    passing = {pair: one for pair, one in pairings.items() if one.passes}
+    rows = comparison.pairings(observations)
+    passing = {(i, j): one for i, row in enumerate(rows) for j, one in row.items() if one.passes}
     if not passing:
-        return Assignment({}, pairings)
-    cost = np.full((len(observations), len(tracks)), FORBIDDEN)
+        return {}
+    if len(passing) == 1:
+        ((i, j), one) = next(iter(passing.items()))
+        return {i: (j, one)}
+    cost = np.full((len(observations), len(comparison.tracks)), FORBIDDEN)
     for pair, one in passing.items():
         cost[pair] = one.innovation.distance + one.innovation.log_volume
-    rows, columns = linear_sum_assignment(cost)
-    found = zip(rows.tolist(), columns.tolist(), strict=True)
-    pairs = {i: j for i, j in found if (i, j) in passing}
-    return Assignment(pairs, pairings)
-
-
-def _comparable(track: Track, observation: Observation, config: GateConfig) -> bool:
-    if observation.model != track.model:
-        return False
-    if observation.place is None:
-        return True
-    x, y, z = observation.place
-    mean = track.state.mean
-    return math.hypot(mean[0] - x, mean[1] - y, mean[2] - z) <= config.max_distance_m
-
-
-def _pairing(track: Track, observation: Observation, engine: PalletFilter, config: GateConfig) -> Pairing:
-    scale = covariance_scale(track.ratios, config)
-    limit = chi_square_limit(config.probability, len(observation.components))
-    return Pairing(engine.innovation(track.state, observation, scale), scale, limit)
+    found = zip(*(indices.tolist() for indices in linear_sum_assignment(cost)), strict=True)
+    return {i: (j, passing[i, j]) for i, j in found if (i, j) in passing}

@@ -6,19 +6,22 @@ comes late is put in its place, and the steps from there on are done again.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from tracking.assignment import Assignment, Pairing, assign
+import numpy as np
+
+from tracking.assignment import FEW, Comparison, Pairing, assign
 from tracking.config import TrackerConfig
 from tracking.events import EventKind
-from tracking.filter import PalletFilter
-from tracking.footprint import Footprints
+from tracking.filter import POSE, PalletFilter
+from tracking.footprint import Footprints, Standing
 from tracking.gate import chi_square_limit, huber_weight
 from tracking.motion import Motion
 from tracking.observation import ALL, Observation
-from tracking.track import Key, Rival, Track
+from tracking.track import Key, Rival, Track, floor_sigma
 
 
 class Fate(NamedTuple):
@@ -50,6 +53,8 @@ class Belief:
     """Tracks that ended at this shot, and why."""
     renewed: tuple[Key, ...] = ()
     """Tracks that began anew at this shot."""
+    via: tuple[Belief, ...] = ()
+    """What was believed on the way from the shot before, where that is long ago."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,6 +67,74 @@ class Rules:
     """The filter, which has no memory."""
     footprints: Footprints
     """Sizes of pallets."""
+
+
+class Foreseen:
+    """Tracks carried to a shot, before its observations.
+
+    Remembers what observations came to, so that more of them can come without doing everything again.
+
+    Parameters
+    ----------
+    before : Belief
+        What was believed after the shot before.
+    motion : Motion
+        Of the forklift since.
+    time : float
+        Of the shot, in seconds.
+    rules : Rules
+        Parameters, filter and sizes.
+    """
+
+    def __init__(self, before: Belief, motion: Motion, time: float, rules: Rules) -> None:
+        self.time = time
+        self._rules = rules
+        self._origin = before, motion
+        moved = _moved(before.tracks, motion, rules)
+        reasons = [track.end(time, rules.config.life) for track in moved]
+        self.ended = tuple((track.key, why) for track, why in zip(moved, reasons, strict=True) if why)
+        alive = [track for track, why in zip(moved, reasons, strict=True) if not why]
+        self.comparison = Comparison(alive, rules.engine, rules.config.gate)
+        self._hits: dict[tuple[int, str], Track] = {}
+        self._missed: dict[int, Track] = {}
+        self._apart: dict[int, Track] = {}
+        self.vague: dict[Key, str] = {}
+        """Tracks that are not worth keeping unless they are seen, and why."""
+
+    def serves(self, before: Belief, motion: Motion, time: float) -> bool:
+        """Tell whether it comes of just these."""
+        return self._origin[0] is before and self._origin[1] is motion and self.time == time
+
+    def hit(self, track: int, observation: Observation, pairing: Pairing) -> Track:
+        """Return a track after a measurement of its own."""
+        pair = track, observation.order
+        if pair not in self._hits:
+            self._hits[pair] = _hit(self.comparison.tracks[track], observation, pairing, self.time, self._rules)
+        return self._hits[pair]
+
+    def missed(self, track: int) -> Track:
+        """Return a track after a shot in which it was not seen."""
+        if track not in self._missed:
+            before = self.comparison.tracks[track]
+            self._missed[track] = replace(before, misses=before.misses + 1)
+            why = before.vague(self._rules.config.life)
+            if why:
+                self.vague[before.key] = why
+        return self._missed[track]
+
+    def are_apart(self, tracks: Sequence[Track]) -> bool:
+        """Tell whether no two tracks are in the same place; only those are looked at that were not there before."""
+        if len(tracks) < 2:
+            return True
+        fresh = [track for track in tracks if id(track) not in self._apart]
+        footprints = self._rules.footprints
+        if len(fresh) > FEW:
+            apart = not footprints.sharing(_standing(tracks))
+        else:
+            others = _standing(tracks)
+            apart = all(footprints.same_place(one, others).sum() == 1 for one in _standing(fresh))
+        self._apart = {id(track): track for track in tracks} if apart else {}
+        return apart
 
 
 def carried(before: Belief, motion: Motion, time: float, rules: Rules) -> Belief:
@@ -78,22 +151,22 @@ def carried(before: Belief, motion: Motion, time: float, rules: Rules) -> Belief
     rules : Rules
         Parameters, filter and sizes.
     """
-    return Belief(time, tuple(_moved(track, motion, rules) for track in before.tracks))
+    return Belief(time, tuple(_moved(before.tracks, motion, rules)))
 
 
-def advance(
-    before: Belief, motion: Motion | None, time: float, observations: Sequence[Observation], rules: Rules
-) -> Belief:
-    """Carry the tracks to a shot and fuse its observations.
+def waiting(before: Belief, count: int) -> Belief:
+    """Return what is believed after a shot to which odometry does not reach: what was believed before it."""
+    fate = Fate(EventKind.WAITING, reason="no odometry at its time")
+    return replace(before, fates=(fate,) * count, ended=(), renewed=())
+
+
+def advance(foreseen: Foreseen, observations: Sequence[Observation], rules: Rules) -> Belief:
+    """Fuse the observations of a shot.
 
     Parameters
     ----------
-    before : Belief
-        What was believed after the shot before.
-    motion : Motion or None
-        Of the forklift since; None where odometry does not say.
-    time : float
-        Of the shot, in seconds.
+    foreseen : Foreseen
+        Tracks carried to the shot.
     observations : sequence of Observation
         Of the shot, in their order.
     rules : Rules
@@ -102,52 +175,38 @@ def advance(
     Returns
     -------
     Belief
-        After the shot; without odometry, what was believed before it, all observations waiting.
+        After the shot.
     """
-    if motion is None:
-        waiting = Fate(EventKind.WAITING, reason="no odometry at its time")
-        return replace(before, fates=(waiting,) * len(observations), ended=(), renewed=())
-    life = rules.config.life
-    moved = [_moved(track, motion, rules) for track in before.tracks]
-    reasons = [track.end(time, life) for track in moved]
-    ended = [(track.key, reason) for track, reason in zip(moved, reasons, strict=True) if reason]
-    alive = [track for track, reason in zip(moved, reasons, strict=True) if not reason]
-    found = assign(alive, observations, rules.engine, rules.config.gate)
+    comparison = foreseen.comparison
+    pairs = assign(comparison, observations)
     fates: dict[int, Fate] = {}
-    tracks = list(alive)
-    for i, j in found.pairs.items():
-        tracks[j] = _hit(alive[j], observations[i], found.pairings[i, j], time, rules)
-        pairing = found.pairings[i, j]
-        fates[i] = Fate(EventKind.ACCEPTED, alive[j].key, pairing.innovation.distance, pairing.limit)
-    for j in set(range(len(alive))) - set(found.pairs.values()):
-        tracks[j] = replace(alive[j], misses=alive[j].misses + 1)
-    renewed = []
-    for i, observation in enumerate(observations):
-        if i in fates:
-            continue
-        inside = _track_in_place(tracks, observation, found, i, rules)
-        if inside is not None:
-            tracks[inside], began_anew = _contradicted(tracks[inside], observation, time, rules)
-            key = tracks[inside].key
-            renewed += [key] if began_anew else []
-            fates[i] = _gated(found, i, inside if inside < len(alive) else None, key, observation, rules)
-        elif observation.is_whole:
-            key = Key(time, observation.order)
-            tracks.append(Track(key, observation.model, rules.engine.begin(observation), time))
-            fates[i] = Fate(EventKind.ACCEPTED, key)
-        else:
-            fates[i] = Fate(EventKind.GATED, reason="no track where this part of a pose belongs")
-    kept, merged = _exclusive(tracks, rules)
+    tracks = list(comparison.tracks)
+    for i, (j, pairing) in pairs.items():
+        tracks[j] = foreseen.hit(j, observations[i], pairing)
+        fates[i] = Fate(EventKind.ACCEPTED, tracks[j].key, pairing.innovation.distance, pairing.limit)
+    for j in set(range(len(tracks))) - {j for j, _ in pairs.values()}:
+        tracks[j] = foreseen.missed(j)
+    renewed: list[Key] = []
+    for i in sorted(set(range(len(observations))) - fates.keys()):
+        fates[i] = _left_over(foreseen, observations[i], tracks, renewed, rules)
+    vague = {one.key: foreseen.vague[one.key] for one in tracks if one.misses and one.key in foreseen.vague}
+    kept = [track for track in tracks if track.key not in vague]
+    merged: list[tuple[Key, str]] = []
+    if not foreseen.are_apart(kept):
+        kept, merged = _exclusive(kept, rules)
     order = tuple(fates[i] for i in range(len(observations)))
-    return Belief(time, tuple(sorted(kept, key=lambda one: one.key)), order, (*ended, *merged), tuple(renewed))
+    ended = (*foreseen.ended, *vague.items(), *merged)
+    return Belief(foreseen.time, tuple(sorted(kept, key=lambda one: one.key)), order, ended, tuple(renewed))
 
 
-def _moved(track: Track, motion: Motion, rules: Rules) -> Track:
-    predicted = rules.engine.predicted(track.state, motion)
-    rival = track.rival
-    if rival is not None:
-        rival = replace(rival, state=rules.engine.predicted(rival.state, motion).state)
-    return replace(track, state=predicted.state, predicted=predicted, rival=rival)
+def _moved(tracks: Sequence[Track], motion: Motion, rules: Rules) -> list[Track]:
+    rivals = {i: track.rival for i, track in enumerate(tracks) if track.rival is not None}
+    states = [track.state for track in tracks] + [rival.state for rival in rivals.values()]
+    found = rules.engine.predicted(states, motion)
+    moved = [replace(one, state=it.state, predicted=it) for one, it in zip(tracks, found[: len(tracks)], strict=True)]
+    for (i, rival), predicted in zip(rivals.items(), found[len(tracks) :], strict=True):
+        moved[i] = replace(moved[i], rival=replace(rival, state=predicted.state))
+    return moved
 
 
 def _hit(track: Track, observation: Observation, pairing: Pairing, time: float, rules: Rules) -> Track:
@@ -172,33 +231,50 @@ def _hit(track: Track, observation: Observation, pairing: Pairing, time: float, 
     )
 
 
+def _left_over(
+    foreseen: Foreseen, observation: Observation, tracks: list[Track], renewed: list[Key], rules: Rules
+) -> Fate:
+    """Return what becomes of an observation that was assigned to no track; may change the tracks or add one."""
+    comparison = foreseen.comparison
+    inside = _track_in_place(comparison, observation, tracks, rules)
+    limit = chi_square_limit(rules.config.gate.probability, len(observation.components))
+    if inside is not None:
+        tracks[inside], began_anew = _contradicted(tracks[inside], observation, foreseen.time, rules)
+        key = tracks[inside].key
+        renewed += [key] if began_anew else []
+        known = inside < len(comparison.tracks)
+        pairing = comparison.pairing(observation, inside) if known else None
+        if pairing is None:
+            return Fate(EventKind.GATED, key, None, limit, "another model, or measured twice in this shot")
+        reason = "another measurement of this shot fits better" if pairing.passes else ""
+        return Fate(EventKind.GATED, key, pairing.innovation.distance, limit, reason)
+    if not observation.is_whole:
+        return Fate(EventKind.GATED, limit=limit, reason="no track where this part of a pose belongs")
+    if floor_sigma(observation.covariance) > rules.config.life.max_sigma_m:
+        return Fate(EventKind.GATED, limit=limit, reason="no track there, and too uncertain to begin one")
+    key = Key(foreseen.time, observation.order)
+    tracks.append(Track(key, observation.model, rules.engine.begin(observation), foreseen.time))
+    return Fate(EventKind.ACCEPTED, key)
+
+
 def _track_in_place(
-    tracks: Sequence[Track], observation: Observation, found: Assignment, number: int, rules: Rules
+    comparison: Comparison, observation: Observation, tracks: Sequence[Track], rules: Rules
 ) -> int | None:
     """Return the track in whose place an observation is that belongs to none: the nearest one."""
     if not observation.is_whole:
-        compared = {j: one.innovation.distance for (i, j), one in found.pairings.items() if i == number}
-        return min(compared, key=lambda j: compared[j]) if compared else None
-    pose = observation.pose
-    inside = [
-        j
-        for j, track in enumerate(tracks)
-        if rules.footprints.same_place(pose, observation.model, track.pose, track.model)
-    ]
+        return comparison.nearest(observation)
+    found = Standing(observation.values, observation.covariance, observation.model)
+    inside = rules.footprints.same_place(found, _standing(tracks))
+    x, y = observation.values[:2].tolist()
     return min(
-        inside, key=lambda j: (tracks[j].pose.x - pose.x) ** 2 + (tracks[j].pose.y - pose.y) ** 2, default=None
+        np.flatnonzero(inside).tolist(),
+        key=lambda j: math.hypot(*(tracks[j].state.mean[:2] - (x, y)).tolist()),
+        default=None,
     )
 
 
-def _gated(
-    found: Assignment, number: int, track: int | None, key: Key, observation: Observation, rules: Rules
-) -> Fate:
-    pairing = None if track is None else found.pairings.get((number, track))
-    if pairing is None:
-        limit = chi_square_limit(rules.config.gate.probability, len(observation.components))
-        return Fate(EventKind.GATED, key, None, limit, "another model, or measured twice in this shot")
-    reason = "another measurement of this shot fits better" if pairing.passes else ""
-    return Fate(EventKind.GATED, key, pairing.innovation.distance, pairing.limit, reason)
+def _standing(tracks: Sequence[Track]) -> list[Standing]:
+    return [Standing(track.state.mean[POSE], track.state.covariance, track.model) for track in tracks]
 
 
 def _contradicted(track: Track, observation: Observation, time: float, rules: Rules) -> tuple[Track, bool]:
@@ -242,11 +318,15 @@ def _contradicted(track: Track, observation: Observation, time: float, rules: Ru
 
 def _exclusive(tracks: Sequence[Track], rules: Rules) -> tuple[list[Track], list[tuple[Key, str]]]:
     """Return the tracks of which no two are in the same place, and those that gave way to a better one."""
-    kept: list[Track] = []
+    together = rules.footprints.sharing(_standing(tracks))
+    if not together:
+        return list(tracks), []
+    kept: list[int] = []
     merged: list[tuple[Key, str]] = []
-    for track in sorted(tracks, key=lambda one: (not one.confirmed, one.misses > 0, -one.hits, one.key)):
-        if any(rules.footprints.same_place(track.pose, track.model, one.pose, one.model) for one in kept):
-            merged.append((track.key, "another track is in its place"))
+    ranks = [(not one.confirmed, one.misses > 0, -one.hits, one.key) for one in tracks]
+    for i in sorted(range(len(tracks)), key=lambda one: ranks[one]):
+        if any((min(i, j), max(i, j)) in together for j in kept):
+            merged.append((tracks[i].key, "another track is in its place"))
         else:
-            kept.append(track)
-    return kept, merged
+            kept.append(i)
+    return [tracks[i] for i in kept], merged

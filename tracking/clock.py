@@ -7,18 +7,23 @@ from typing import NamedTuple
 
 from tracking.config import WindowConfig
 
+MOST_KEPT = 512
+"""How many times of late inputs are kept."""
+
 
 class Lateness(NamedTuple):
     """How an input's time stands to that of the newest one."""
 
     age: float
     """How much older it is, in seconds; negative for a newer one."""
-    in_time: bool
+    in_time: bool = True
     """Whether it can be put in its place."""
-    jumped: bool
-    """Whether it is so far off that a clock must be wrong."""
-    restarted: bool
+    jumped: bool = False
+    """Whether it is so far off that a clock may be wrong."""
+    restarted: bool = False
     """Whether so many inputs came from there that it is the present now."""
+    follows: int = 0
+    """How many inputs before it in a row came from there."""
 
 
 class Clock:
@@ -44,8 +49,9 @@ class Clock:
     def judge(self, time: float) -> Lateness:
         """Tell whether an input comes in time, and take note of it.
 
-        A single far time is doubted. When several inputs in a row come from there, near each other, or when for a
-        whole window nothing but late ones come, time itself has jumped: a replay began again, a clock was set.
+        A single far time is doubted. A pause is over when two inputs in a row are ahead. When several inputs in a row
+        come from elsewhere, near each other, or when for a whole window nothing but late ones come, time itself has
+        jumped: a replay began again, a clock was set.
 
         Parameters
         ----------
@@ -55,18 +61,29 @@ class Clock:
         if not math.isfinite(self.newest):
             self.newest = time
         config, age = self._config, self.newest - time
-        if -config.max_jump_s <= age <= config.window_s:
+        if abs(age) <= config.window_s:
             self.newest = max(self.newest, time)
             self.elsewhere.clear()
-            return Lateness(age, True, False, False)
+            return Lateness(age)
+        if self._paused(time):
+            follows = len(self.elsewhere)
+            self.newest = max(time, *self.elsewhere)
+            self.elsewhere.clear()
+            return Lateness(age, follows=follows)
         if self.elsewhere and abs(time - self.elsewhere[-1]) > config.window_s:
             self.elsewhere.clear()
+        follows = len(self.elsewhere)
         self.elsewhere.append(time)
-        jumped = abs(age) > config.max_jump_s
+        jumped = age < 0 or age > config.max_jump_s
         spanned = max(self.elsewhere) - min(self.elsewhere) >= config.window_s
         if len(self.elsewhere) >= config.restart_inputs and (jumped or spanned):
             self.newest = max(self.elsewhere[-config.restart_inputs :])
             self.elsewhere.clear()
-            return Lateness(0.0, True, True, True)
-        del self.elsewhere[: -max(config.restart_inputs, 512)]
-        return Lateness(age, False, jumped, False)
+            return Lateness(0.0, jumped=True, restarted=True, follows=follows)
+        del self.elsewhere[: -max(config.restart_inputs, MOST_KEPT)]
+        return Lateness(age, in_time=False, jumped=jumped, follows=follows)
+
+    def _paused(self, time: float) -> bool:
+        """Tell whether an input and the one before it are both ahead, but not too far."""
+        ahead = [one - self.newest for one in (*self.elsewhere[-1:], time)]
+        return len(ahead) == 2 and all(self._config.window_s < one <= self._config.max_jump_s for one in ahead)

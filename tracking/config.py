@@ -84,9 +84,10 @@ class WindowConfig:
     window_s: float = 2.0
     """How late an input may be against the newest one; earlier ones are put in their place."""
     max_jump_s: float = 60.0
-    """How far from the newest input another one may be before its clock is doubted."""
+    """How long a pause may be. An input farther ahead than the window is held until another one follows it; beyond
+    this, time itself must have jumped."""
     restart_inputs: int = 5
-    """Inputs in a row, far from all others but near each other, that are believed: the tracker starts anew."""
+    """Inputs in a row, from another time but near each other, that are believed: the tracker starts anew."""
 
 
 @dataclass(frozen=True, slots=True)

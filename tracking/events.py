@@ -22,7 +22,7 @@ class EventKind(StrEnum):
     REJECTED = "rejected"
     """The input cannot be used: a value is wrong."""
     TIME_JUMP = "time_jump"
-    """The input's time is far from all others; it is believed when more come from there."""
+    """The input's time is far from all others; it is held, and used when more come from there."""
     RESET = "reset"
     """The tracker started anew, or the odometry did."""
     BORN = "born"

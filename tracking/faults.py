@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from palletloc.errors import PalletLocError
-from palletloc.geometry import FloatArray
+from palletloc.geometry import BoolArray, FloatArray
 
 LEAST_VARIANCE = 1e-12
 """Smallest variance that an input may state, in square metres and radians."""
+LEAST_CORRELATION = 1e-9
+"""Smallest eigenvalue of the correlations that it may state."""
 LARGEST = 1e6
-"""Largest coordinate, rate or standard deviation that makes sense, in metres, radians and seconds."""
+"""Largest coordinate or rate that makes sense, in metres, radians and seconds."""
+LARGEST_TIME = 1e12
+"""Largest time, in seconds: the next one that differs is a tenth of a millisecond away."""
+LARGEST_SIGMA = 1e3
+"""Largest standard deviation: what is known no better is as good as unknown."""
 
 
 class BadInputError(PalletLocError):
@@ -37,13 +43,71 @@ class UnknownTrackError(PalletLocError):
 
 
 def check_time(time: float) -> None:
-    """Raise an `BadInputError` where a time is not a finite number."""
-    if not math.isfinite(time):
-        raise BadInputError("time", time, "expected a finite number of seconds")
+    """Raise an `BadInputError` where a time is not a finite number, or too large to tell milliseconds apart."""
+    if not abs(time) <= LARGEST_TIME:
+        raise BadInputError("time", time, f"expected a finite number of seconds, up to {LARGEST_TIME:g}")
 
 
-def checked_covariance(given: FloatArray, size: int, time: float) -> FloatArray:
-    """Return a covariance that the filter can use.
+def numbers(name: str, given: object, shape: tuple[int, ...], time: float) -> FloatArray:
+    """Return an array of some shape; raise a `BadInputError` where it is none."""
+    try:
+        array = np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise BadInputError(name, time, f"expected numbers, got {type(given).__name__}") from None
+    if array.shape != shape:
+        expected = " x ".join(str(size) for size in shape)
+        raise BadInputError(name, time, f"expected {expected} numbers, got an array of shape {array.shape}")
+    return array
+
+
+def beyond_reason(values: FloatArray) -> str:
+    """Return what was expected of values that are not finite or too large."""
+    return f"expected finite numbers below {LARGEST:g}, got {values.tolist()}"
+
+
+def check_values(name: str, given: FloatArray | Sequence[float], time: float) -> None:
+    """Raise a `BadInputError` where a number is not finite or beyond all reason."""
+    values = numbers(name, given, (len(given),), time)
+    if not (np.abs(values) < LARGEST).all():
+        raise BadInputError(name, time, beyond_reason(values))
+
+
+def covariance_faults(given: FloatArray) -> list[str]:
+    """Return what is wrong with covariances that the filter could not use.
+
+    Parameters
+    ----------
+    given : (n, k, k) array
+        As they came.
+
+    Returns
+    -------
+    list of str
+        What was expected of each; nothing where it is finite, symmetric and positive definite.
+    """
+    finite: BoolArray = np.all(np.abs(given) <= LARGEST_SIGMA**2, axis=(1, 2))  # false for nan, too
+    covariances = np.where(finite[:, None, None], given, np.eye(given.shape[1]))
+    mirrored = covariances.transpose(0, 2, 1)
+    symmetric: BoolArray = np.all(np.abs(covariances - mirrored) <= 1e-12 + 1e-6 * np.abs(mirrored), axis=(1, 2))
+    variances = np.diagonal(covariances, axis1=1, axis2=2)
+    positive: BoolArray = np.all(variances >= LEAST_VARIANCE, axis=1)
+    scale = np.sqrt(np.where(positive[:, None], variances, 1.0))
+    least = np.linalg.eigvalsh((covariances + mirrored) / 2 / (scale[:, :, None] * scale[:, None]))[:, 0]
+    positive &= least >= LEAST_CORRELATION
+    checks = zip(finite.tolist(), symmetric.tolist(), positive.tolist(), strict=True)
+    return [_expected(*passed) for passed in checks]
+
+
+def _expected(finite: bool, symmetric: bool, positive: bool) -> str:
+    if not finite:
+        return f"expected finite numbers, and standard deviations up to {LARGEST_SIGMA:g}"
+    if not symmetric:
+        return "expected a symmetric matrix"
+    return "" if positive else f"expected a positive definite matrix, and variances from {LEAST_VARIANCE:g} on"
+
+
+def checked_covariance(given: object, size: int, time: float) -> FloatArray:
+    """Return a covariance that can be used.
 
     Parameters
     ----------
@@ -64,15 +128,8 @@ def checked_covariance(given: FloatArray, size: int, time: float) -> FloatArray:
     BadInputError
         If it has another shape, a number is not finite, or it is not symmetric positive definite.
     """
-    covariance = np.asarray(given, dtype=np.float64)
-    if covariance.shape != (size, size):
-        raise BadInputError("covariance", time, f"expected {size} x {size} numbers, got {covariance.shape}")
-    if not np.isfinite(covariance).all() or np.abs(covariance).max() > LARGEST**2:
-        raise BadInputError("covariance", time, "expected finite numbers")
-    if not np.allclose(covariance, covariance.T, rtol=1e-6, atol=1e-12):
-        raise BadInputError("covariance", time, "expected a symmetric matrix")
-    covariance = (covariance + covariance.T) / 2
-    scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    if scale.min() ** 2 < LEAST_VARIANCE or np.linalg.eigvalsh(covariance / np.outer(scale, scale))[0] < 1e-9:
-        raise BadInputError("covariance", time, "expected a positive definite matrix")
-    return covariance
+    covariance = numbers("covariance", given, (size, size), time)
+    fault = covariance_faults(covariance[None])[0]
+    if fault:
+        raise BadInputError("covariance", time, fault)
+    return (covariance + covariance.T) / 2

@@ -18,6 +18,7 @@ with Applications to Tracking and Navigation, 2001, section 8.2).
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -26,14 +27,15 @@ from filterpy.kalman import ExtendedKalmanFilter
 from palletloc.geometry import FloatArray, wrap_angle
 from tracking.config import TrackerConfig
 from tracking.motion import Motion
-from tracking.observation import Observation, picked
+from tracking.observation import YAW, Observation, picked
 
 SIZE = 10
 """Numbers in the state."""
 POSE, CONSTANTS, COMMON = slice(0, 4), slice(4, 6), slice(6, 10)
 """Where its parts are."""
-YAW = 3
-"""Where the yaw is."""
+_SHARED = np.array([0.0] * COMMON.start + [1.0] * 4)
+_CARRIED = 1.0 - _SHARED
+_ALL = np.arange(SIZE)
 
 
 class Gaussian(NamedTuple):
@@ -85,8 +87,10 @@ class PalletFilter(ExtendedKalmanFilter):
 
     def __init__(self, config: TrackerConfig) -> None:
         super().__init__(dim_x=SIZE, dim_z=4)
-        self.x = np.zeros(SIZE)
+        self.x: FloatArray = np.zeros(SIZE)
+        self.P: FloatArray = np.eye(SIZE)
         self._common_path = config.errors.common_path_m
+        self._floor = 1e-3 * config.odometry.floor_mm_per_sqrt_m
         self._estimated = config.estimate_odometry
         self._constants = np.diag(config.odometry.constants**2)
 
@@ -100,53 +104,63 @@ class PalletFilter(ExtendedKalmanFilter):
         covariance[POSE, COMMON], covariance[COMMON, POSE] = -observation.common, -observation.common.T
         return Gaussian(mean, covariance)
 
-    def predicted(self, state: Gaussian, motion: Motion) -> Prediction:
-        """Return a state after a motion of the forklift."""
-        self.x, self.P = state
-        self.predict(motion)
-        return Prediction(Gaussian(self.x, _symmetric(self.P)), self.F)
+    def predicted(self, states: Sequence[Gaussian], motion: Motion) -> list[Prediction]:
+        """Return states after a motion of the forklift."""
+        if not states:
+            return []
+        steps = self.transitions(np.array([state.mean for state in states]), motion)
+        found = []
+        for state, *step in zip(states, *steps, strict=True):
+            self.x, self.P = state.mean, state.covariance
+            self.predict(step)
+            found.append(Prediction(Gaussian(self.x, _symmetric(self.P)), self.F))
+        return found
 
-    def predict_x(self, u: Motion) -> None:  # called by predict()
+    def predict_x(self, u: Sequence[FloatArray]) -> None:  # called by predict()
         """Move the state, and set the matrices F and Q of that motion."""
-        self.F, self.Q, self.x = self.transition(self.x, u)
+        self.F, self.Q, self.x = u
 
-    def transition(self, mean: FloatArray, motion: Motion) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return what a motion does to a state.
+    def transitions(self, means: FloatArray, motion: Motion) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return what a motion does to states.
 
         Parameters
         ----------
-        mean : (10,) array
-            The state before.
+        means : (n, 10) array
+            The states before.
         motion : Motion
-            As odometry has it; the state's constants mend it.
+            As odometry has it; the states' constants mend it.
 
         Returns
         -------
-        F : (10, 10) array
-            Derivative by the state before.
-        Q : (10, 10) array
-            Covariance of the motion's noise in the state after.
-        mean : (10,) array
-            The state after.
+        F : (n, 10, 10) array
+            Derivatives by the states before.
+        Q : (n, 10, 10) array
+            Covariances of the motion's noise in the states after.
+        means : (n, 10) array
+            The states after.
         """
-        dx, dy, turn = motion.increment + motion.constants @ mean[CONSTANTS]
-        cos, sin = math.cos(turn), math.sin(turn)
-        x, y = mean[0] - dx, mean[1] - dy
-        after = mean.copy()
-        after[0], after[1] = cos * x + sin * y, cos * y - sin * x
-        after[YAW] = wrap_angle(float(mean[YAW] - turn))
-        by_motion = np.array([[-cos, -sin, after[1]], [sin, -cos, -after[0]], [0, 0, 0], [0, 0, -1.0]])
+        dx, dy, turn = motion.increment[:, None] + motion.constants @ means[:, CONSTANTS].T
+        cos, sin = np.cos(turn), np.sin(turn)
+        x, y = means[:, 0] - dx, means[:, 1] - dy
         stays = math.exp(-motion.path / self._common_path)
-        after[COMMON] *= stays
-        F = np.eye(SIZE)
-        F[0, 0] = F[1, 1] = cos
-        F[0, 1], F[1, 0] = sin, -sin
-        F[POSE, CONSTANTS] = by_motion @ motion.constants
-        Q = np.zeros((SIZE, SIZE))
-        Q[POSE, POSE] = by_motion @ motion.covariance @ by_motion.T
-        common = range(COMMON.start, COMMON.stop)
-        F[common, common] = stays
-        Q[common, common] = 1 - stays**2
+        after = means.copy()
+        after[:, 0], after[:, 1] = cos * x + sin * y, cos * y - sin * x
+        after[:, YAW] = wrap_angle(means[:, YAW] - turn)
+        after[:, COMMON] *= stays
+        by_motion = np.zeros((len(means), 4, 3))
+        by_motion[:, 0, 0] = by_motion[:, 1, 1] = -cos
+        by_motion[:, 0, 1], by_motion[:, 1, 0] = -sin, sin
+        by_motion[:, 0, 2], by_motion[:, 1, 2] = after[:, 1], -after[:, 0]
+        by_motion[:, YAW, 2] = -1.0
+        F = np.zeros((len(means), SIZE, SIZE))
+        F[:, _ALL, _ALL] = _CARRIED + stays * _SHARED
+        F[:, 0, 0] = F[:, 1, 1] = cos
+        F[:, 0, 1], F[:, 1, 0] = sin, -sin
+        F[:, POSE, CONSTANTS] = by_motion @ motion.constants
+        Q = np.zeros_like(F)
+        Q[:, _ALL, _ALL] = (1 - stays**2) * _SHARED
+        Q[:, POSE, POSE] = by_motion @ motion.covariance @ by_motion.transpose(0, 2, 1)
+        Q[:, 2, 2] = self._floor**2 * motion.path
         return F, Q, after
 
     def model(self, observation: Observation, scale: float = 1.0) -> MeasurementModel:
@@ -166,11 +180,38 @@ class PalletFilter(ExtendedKalmanFilter):
 
     def innovation(self, state: Gaussian, observation: Observation, scale: float = 1.0) -> Innovation:
         """Return how far a measurement is from a state, before any update."""
-        H, R = self.model(observation, scale)
-        S = H @ state.covariance @ H.T + R
-        root = np.linalg.cholesky(S)
-        away = np.linalg.solve(root, _residual(observation, observation.values, H @ state.mean))
-        return Innovation(float(away @ away), 2 * float(np.log(np.diag(root)).sum()))
+        return self.innovations([state], [observation], [scale])[0]
+
+    def innovations(
+        self, states: Sequence[Gaussian], observations: Sequence[Observation], scales: Sequence[float]
+    ) -> list[Innovation]:
+        """Return how far measurements are from states, before any update.
+
+        Parameters
+        ----------
+        states : sequence of Gaussian
+            One for each measurement.
+        observations : sequence of Observation
+            All with the same components.
+        scales : sequence of float
+            Factors on their covariances.
+        """
+        components = list(observations[0].components)
+        factor = np.array(scales)[:, None, None]
+        H = np.zeros((len(states), len(components), SIZE))
+        H[:, :, POSE] = picked(observations[0].components)
+        H[:, :, COMMON] = np.sqrt(factor) * np.array([one.common for one in observations])
+        P = np.array([state.covariance for state in states])
+        S = H @ P @ H.transpose(0, 2, 1) + factor * np.array([one.own for one in observations])
+        expected = (H @ np.array([state.mean for state in states])[:, :, None])[:, :, 0]
+        away = np.array([one.values for one in observations]) - expected
+        if components[-1] == YAW:
+            away[:, -1] = wrap_angle(away[:, -1])
+        roots = np.linalg.cholesky(S)
+        whitened = np.linalg.solve(roots, away[:, :, None])[:, :, 0]
+        distances = (whitened * whitened).sum(axis=1)
+        volumes = 2 * np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
+        return [Innovation(*pair) for pair in zip(distances.tolist(), volumes.tolist(), strict=True)]
 
     def updated(self, state: Gaussian, observation: Observation, scale: float = 1.0, weight: float = 1.0) -> Gaussian:
         """Return a state after a measurement.
@@ -190,7 +231,7 @@ class PalletFilter(ExtendedKalmanFilter):
         R = R / weight
         if not self._estimated:
             return self._considered(state, observation, H, R)
-        self.x, self.P = state
+        self.x, self.P = state.mean, state.covariance
         self.update(
             observation.values,
             HJacobian=lambda _: H,

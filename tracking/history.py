@@ -46,7 +46,7 @@ class History:
         """
         known = {**self._numbers, **numbers}
         steps: list[Moment] = []
-        for belief in (*self.final, *latest):
-            if belief.time is not None and not (steps and belief.time == steps[-1].time):
+        for belief in (step for one in (*self.final, *latest) for step in (*one.via, one)):
+            if belief.time is not None and not (steps and belief.time <= steps[-1].time):
                 steps.append(Moment(belief.time, {known[track.key]: track for track in belief.tracks}))
         return tuple(steps)

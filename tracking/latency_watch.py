@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 
 from palletloc.geometry import FloatArray
@@ -53,7 +51,8 @@ class LatencyWatch:
             Time before which they are final, in seconds.
         """
         events: list[Event] = []
-        for look, belief in _final(replay, horizon):
+        count = replay.final_count(horizon)
+        for look, belief in zip(replay.looks[:count], replay.beliefs[:count], strict=True):
             if self._take(look, belief, replay.path):
                 self.since += 1
             if self.since >= self._config.latency.every:
@@ -122,13 +121,6 @@ class LatencyWatch:
         at = time - offsets
         exposed = np.stack([np.interp(at, times, column) for column in (poses - now).T], axis=1)
         return np.asarray(smoothing() @ exposed)
-
-
-def _final(replay: Replay, horizon: float) -> Iterator[tuple[Look, Belief]]:
-    for look, belief in zip(replay.looks, replay.beliefs, strict=True):
-        if look.time >= horizon:
-            return
-        yield look, belief
 
 
 def _sightings(look: Look, belief: Belief, kind: EventKind) -> tuple[Sighting, ...]:

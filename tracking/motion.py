@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -92,6 +93,7 @@ class Motion:
     """In seconds."""
 
 
+@cache
 def no_motion() -> Motion:
     """Return the motion of no time at all."""
     return Motion(np.zeros(3), np.zeros((3, 3)), np.zeros((3, 2)), 0.0, 0.0)

@@ -26,7 +26,7 @@ class News:
     def __init__(self, config: LifeConfig) -> None:
         self._config = config
         self.names = Names()
-        self.fates: dict[tuple[float, tuple[object, ...]], _Told] = {}
+        self.fates: dict[tuple[float, str], _Told] = {}
         self.statuses: dict[int, Status] = {}
         self.renewed: set[tuple[float, int]] = set()
 
@@ -54,7 +54,7 @@ class News:
                     events.append(Event(EventKind.REINITIALIZED, look.time, told[1], reason=reason))
         return events
 
-    def _fate(self, time: float, order: tuple[object, ...], fate: Fate) -> list[Event]:
+    def _fate(self, time: float, order: str, fate: Fate) -> list[Event]:
         number = None if fate.key is None else self.names.numbers.get(fate.key)
         told = self.fates.get((time, order))
         if told == (fate.kind, number):
@@ -84,12 +84,16 @@ class News:
         """
         believed = replay.current
         numbers, told = self.names.numbers, self.statuses
-        live = {numbers[track.key]: track for track in believed.tracks if not track.is_too_old(newest, self._config)}
         events = []
-        statuses = {}
-        for number, track in live.items():
+        statuses: dict[int, Status] = {}
+        for track in believed.tracks:
+            if track.is_too_old(newest, self._config):
+                continue
+            number = numbers[track.key]
             statuses[number] = status = track.status(newest, self._config)
             before = told.get(number)
+            if before is status:
+                continue
             if before is None:
                 events.append(Event(EventKind.BORN, track.key.time, number))
             if status is not Status.TENTATIVE and before in (None, Status.TENTATIVE):
@@ -99,8 +103,10 @@ class News:
                     statuses[number] = before
                 else:
                     events.append(Event(EventKind.COASTING, newest, number))
-        reasons = {numbers[key]: why for one in replay.beliefs for key, why in one.ended if key in numbers}
-        for number in told.keys() - statuses.keys():
+        gone = sorted(told.keys() - statuses.keys())
+        if gone:
+            reasons = {numbers[key]: why for one in replay.beliefs for key, why in one.ended if key in numbers}
+        for number in gone:
             reason = reasons.get(number, "not seen for too long, or a late input explained it otherwise")
             events.append(Event(EventKind.LOST, newest, number, reason=reason))
         self.statuses = statuses

@@ -3,20 +3,32 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
-from palletloc.geometry import FloatArray, LevelPose
+from palletloc.geometry import BoolArray, FloatArray, LevelPose, wrap_angle
 from palletloc.measurement import PalletMeasurement
 from tracking.config import MeasurementErrors
-from tracking.faults import LARGEST, BadInputError, check_time, checked_covariance
+from tracking.faults import (
+    LARGEST,
+    BadInputError,
+    beyond_reason,
+    check_time,
+    check_values,
+    covariance_faults,
+    numbers,
+)
 
 COMPONENTS = ("x", "y", "z", "yaw")
 """Names of the four numbers of a pallet's pose, in their order."""
 ALL = (0, 1, 2, 3)
 """Their indices."""
+YAW = 3
+"""Index of the yaw."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,7 +69,7 @@ class Observation:
     """(k, k) covariance of the rest, which is new in every measurement."""
     place: tuple[float, float, float] | None
     """About where the pallet is, in metres; None where the measurement does not tell."""
-    order: tuple[object, ...]
+    order: str
     """Its place among the observations of a shot, whatever order they came in: all that it says."""
     source: PalletMeasurement | PartialMeasurement
     """What it was made of."""
@@ -70,107 +82,169 @@ class Observation:
     @property
     def pose(self) -> LevelPose:
         """``forklift_from_pallet`` of a whole pose."""
-        return LevelPose(*(float(value) for value in self.values))
+        return LevelPose(*self.values.tolist())
 
 
-def observe(measurement: PalletMeasurement | PartialMeasurement, errors: MeasurementErrors) -> Observation:
-    """Check a measurement and ready it for the filter.
+class _Given(NamedTuple):
+    """A measurement taken apart."""
+
+    source: PalletMeasurement | PartialMeasurement
+    components: tuple[int, ...]
+    values: FloatArray
+    covariance: FloatArray
+    pose: LevelPose | None
+
+
+def observe(
+    measurements: Sequence[PalletMeasurement | PartialMeasurement], errors: MeasurementErrors
+) -> list[Observation | BadInputError]:
+    """Check measurements and ready them for the filter.
 
     Parameters
     ----------
-    measurement : PalletMeasurement or PartialMeasurement
-        As the localizer gives it.
+    measurements : sequence of PalletMeasurement or PartialMeasurement
+        As the localizer gives them.
     errors : MeasurementErrors
         What measurements share, and how much later than the exposure they are stamped.
 
     Returns
     -------
-    Observation
-        With the time of the exposure.
-
-    Raises
-    ------
-    BadInputError
-        If a number is not finite or beyond all reason, or the covariance is not symmetric positive definite.
+    list of Observation or BadInputError
+        With the times of the exposures; what is wrong where a number is not finite or beyond all reason, or the
+        covariance is not symmetric positive definite.
     """
-    if isinstance(measurement, PalletMeasurement):
-        components: tuple[int, ...] = ALL
-        values = measurement.forklift_from_pallet.as_array()
-        pose: LevelPose | None = measurement.forklift_from_pallet
-    else:
-        components, values, pose = _part(measurement)
+    found: dict[int, Observation | BadInputError] = {}
+    groups: dict[tuple[int, ...], dict[int, _Given]] = {}
+    for number, measurement in enumerate(measurements):
+        try:
+            given = _given(measurement)
+        except BadInputError as fault:
+            found[number] = fault
+        else:
+            groups.setdefault(given.components, {})[number] = given
+    for components, group in groups.items():
+        ready = _observed(components, list(group.values()), errors)
+        found.update(zip(group, ready, strict=True))
+    return [found[number] for number in range(len(measurements))]
+
+
+def _given(measurement: PalletMeasurement | PartialMeasurement) -> _Given:
+    """Take a measurement apart; raise where a part has another form."""
     time = measurement.time
     check_time(time)
-    if not (np.isfinite(values).all() and np.abs(values).max() < LARGEST):
-        raise BadInputError("pose", time, f"expected finite numbers below {LARGEST:g}, got {values.tolist()}")
-    covariance = errors.inflation * checked_covariance(measurement.covariance, len(components), time)
-    values = values.copy()
-    if 3 in components:
-        at = components.index(3)
-        values[at] = (values[at] + math.pi) % (2 * math.pi) - math.pi
-    place = None if pose is None else (pose.x, pose.y, pose.z)
-    common = _common(covariance, components, pose, errors)
-    own = covariance - common @ common.T
-    order = (measurement.model, components, tuple(values.tolist()), tuple(covariance.ravel().tolist()))
-    return Observation(
-        time - errors.latency_s,
-        measurement.model,
-        components,
-        values,
-        covariance,
-        common,
-        own,
-        place,
-        order,
-        measurement,
+    if isinstance(measurement, PalletMeasurement):
+        pose: LevelPose | None = measurement.forklift_from_pallet
+        components: tuple[int, ...] = ALL
+        values = numbers("pose", measurement.forklift_from_pallet.as_array(), (4,), time)
+    else:
+        components, values, pose = _part(measurement)
+    size = len(components)
+    return _Given(
+        measurement, components, values, numbers("covariance", measurement.covariance, (size, size), time), pose
     )
 
 
 def _part(measurement: PartialMeasurement) -> tuple[tuple[int, ...], FloatArray, LevelPose | None]:
-    names = measurement.components
-    known = [name in COMPONENTS for name in names]
-    indices = tuple(COMPONENTS.index(name) for name, good in zip(names, known, strict=True) if good)
-    if not names or not all(known) or list(indices) != sorted(set(indices)):
-        raise BadInputError("components", measurement.time, f"expected some of {COMPONENTS} in order, got {names}")
-    values = np.asarray(measurement.values, dtype=np.float64)
-    if values.shape != (len(names),):
-        raise BadInputError("values", measurement.time, f"expected {len(names)} numbers, got {values.shape}")
+    names, time = measurement.components, measurement.time
+    indices = tuple(COMPONENTS.index(name) for name in names if name in COMPONENTS)
+    if not names or len(indices) < len(names) or list(indices) != sorted(set(indices)):
+        raise BadInputError("components", time, f"expected some of {COMPONENTS} in order, got {names}")
+    values = numbers("values", measurement.values, (len(names),), time)
     near = measurement.near
-    if near is not None and not np.isfinite(near.as_array()).all():
-        raise BadInputError("near", measurement.time, "expected finite numbers")
-    if near is None and indices[:3] == (0, 1, 2):
-        x, y, z = (float(value) for value in values[:3])
-        near = LevelPose(x, y, z, 0.0)
+    if near is not None:
+        check_values("near", near.as_array(), time)
+    elif indices[:3] == (0, 1, 2):
+        x, y, z, *yaw = values.tolist()
+        near = LevelPose(x, y, z, *(yaw or [0.0]))
     return indices, values, near
 
 
-def _common(
-    covariance: FloatArray, components: tuple[int, ...], pose: LevelPose | None, errors: MeasurementErrors
+def _observed(
+    components: tuple[int, ...], group: Sequence[_Given], errors: MeasurementErrors
+) -> list[Observation | BadInputError]:
+    """Return observations with the same components: all at once."""
+    values = np.array([one.values for one in group]) + 0.0  # no negative zero
+    covariances = np.array([one.covariance for one in group]) + 0.0
+    faults = covariance_faults(covariances)
+    usable: BoolArray = np.all(np.abs(values) < LARGEST, axis=1)  # false for nan, too
+    sound = [i for i, fault in enumerate(faults) if usable[i] and not fault]
+    found: dict[int, Observation | BadInputError] = {}
+    for i in sorted(set(range(len(group))) - set(sound)):
+        what, why = ("covariance", faults[i]) if usable[i] else ("pose", beyond_reason(values[i]))
+        found[i] = BadInputError(what, group[i].source.time, why)
+    if sound:
+        ready = _ready(components, [group[i] for i in sound], values[sound], covariances[sound], errors)
+        found.update(zip(sound, ready, strict=True))
+    return [found[i] for i in range(len(group))]
+
+
+def _ready(
+    components: tuple[int, ...],
+    group: Sequence[_Given],
+    values: FloatArray,
+    covariances: FloatArray,
+    errors: MeasurementErrors,
+) -> list[Observation]:
+    covariances = errors.inflation * (covariances + covariances.transpose(0, 2, 1)) / 2
+    if components[-1] == YAW:
+        values[:, -1] = wrap_angle(values[:, -1])
+    poses = [np.zeros(0) if one.pose is None else one.pose.as_array() + 0.0 for one in group]
+    headings = np.array([0.0 if one.pose is None else one.pose.yaw for one in group])
+    commons = _commons(covariances, components, headings, errors)
+    owns = covariances - commons @ commons.transpose(0, 2, 1)
+    rows = zip(group, values, covariances, commons, owns, poses, strict=True)
+    return [
+        Observation(
+            one.source.time - errors.latency_s,
+            one.source.model,
+            components,
+            value,
+            covariance,
+            common,
+            own,
+            None if one.pose is None else (one.pose.x, one.pose.y, one.pose.z),
+            _order(one.source.model, components, value, np.concatenate((value, covariance.ravel(), pose))),
+            one.source,
+        )
+        for one, value, covariance, common, own, pose in rows
+    ]
+
+
+def _order(model: str, components: tuple[int, ...], values: FloatArray, said: FloatArray) -> str:
+    """Return a text by which observations of a shot are put in order: the nearest ahead first."""
+    return f"{model} {components} {values[0] + LARGEST:014.6f} {said.tobytes().hex()}"
+
+
+def _commons(
+    covariances: FloatArray, components: tuple[int, ...], headings: FloatArray, errors: MeasurementErrors
 ) -> FloatArray:
-    """Return the symmetric root of the shared part of a covariance, in the pallet's axes.
+    """Return the symmetric roots of the shared parts of covariances, (n, k, 4), in the pallets' axes.
 
     The shared part is what the parameters say, cut to the largest share in every direction. In these axes it changes
     little from one view to the next, so that the same unit of error means the same thing.
     """
-    sigmas = np.array([errors.common_position_m] * 3 + [math.radians(errors.common_yaw_deg)])
-    turn = np.eye(4)
-    if pose is not None and components[:2] == (0, 1):
-        cos, sin = math.cos(pose.yaw), math.sin(pose.yaw)
-        turn[:2, :2] = [[cos, -sin], [sin, cos]]
-    axes = turn[np.ix_(components, components)]
-    whole: FloatArray = np.linalg.cholesky(axes.T @ covariance @ axes).astype(np.float64)
-    shares, directions = np.linalg.eigh(_whitened(whole, np.diag(sigmas[list(components)] ** 2)))
-    part = whole @ directions * np.sqrt(np.clip(shares, 0.0, errors.max_common_share))
-    shared: FloatArray = (part @ part.T).astype(np.float64)
-    variances, vectors = np.linalg.eigh(shared)
-    root = (vectors * np.sqrt(np.maximum(variances, 0.0))) @ vectors.T
-    return np.asarray(axes @ root @ np.eye(4)[list(components)])
+    sigmas = np.array([errors.common_position_m] * 3 + [math.radians(errors.common_yaw_deg)])[list(components)]
+    axes = np.tile(np.eye(len(components)), (len(headings), 1, 1))
+    if components[:2] == (0, 1):
+        cos, sin = np.cos(headings), np.sin(headings)
+        axes[:, 0, 0] = axes[:, 1, 1] = cos
+        axes[:, 0, 1], axes[:, 1, 0] = -sin, sin
+    turned = axes.transpose(0, 2, 1) @ covariances @ axes
+    roots = np.tile(np.diag(sigmas), (len(headings), 1, 1))
+    large = np.linalg.eigvalsh(errors.max_common_share * turned - np.diag(sigmas**2))[:, 0] < 0
+    if large.any():
+        roots[large] = _cut(turned[large], sigmas, errors.max_common_share)
+    return np.asarray(axes @ roots @ picked(components))
 
 
-def _whitened(root: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Return a covariance in units of another one, whose Cholesky root is given."""
-    half = np.linalg.solve(root, covariance)
-    return np.asarray(np.linalg.solve(root, half.T))
+def _cut(covariances: FloatArray, sigmas: FloatArray, most: float) -> FloatArray:
+    """Return the symmetric roots of what is shared where that is more than the largest share in some direction."""
+    wholes = np.linalg.cholesky(covariances)
+    halves = np.linalg.solve(wholes, np.broadcast_to(np.diag(sigmas**2), wholes.shape))
+    shares, directions = np.linalg.eigh(np.linalg.solve(wholes, halves.transpose(0, 2, 1)))
+    parts = wholes @ directions * np.sqrt(np.clip(shares, 0.0, most))[:, None]
+    variances, vectors = np.linalg.eigh(parts @ parts.transpose(0, 2, 1))
+    return np.asarray(vectors * np.sqrt(np.maximum(variances, 0.0))[:, None] @ vectors.transpose(0, 2, 1))
 
 
 @lru_cache(maxsize=16)

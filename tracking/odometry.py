@@ -11,7 +11,7 @@ import numpy as np
 
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.trajectory import Trajectory
-from tracking.faults import LARGEST, BadInputError, check_time, checked_covariance
+from tracking.faults import BadInputError, check_time, check_values, checked_covariance
 from tracking.motion import Motion, Twist, twist_between
 
 ODOM, FORKLIFT = "odom", "forklift"
@@ -71,9 +71,8 @@ def check_odometry(sample: Odometry) -> Odometry:
         raise BadInputError("frame", time, f"expected the pose of {FORKLIFT!r} in {ODOM!r}, {got}")
     if sample.pose is None and sample.twist is None:
         raise BadInputError("odometry", time, "expected a pose, rates, or both")
-    for name, numbers in (("pose", sample.says[0]), ("twist", sample.says[1])):
-        if not all(math.isfinite(number) and abs(number) < LARGEST for number in numbers):
-            raise BadInputError(name, time, f"expected finite numbers below {LARGEST:g}, got {numbers}")
+    check_values("pose", sample.says[0], time)
+    check_values("twist", sample.says[1], time)
     if sample.covariance is None:
         return sample
     return replace(sample, covariance=checked_covariance(sample.covariance, 3, time))
@@ -97,6 +96,8 @@ class OdometryNoise:
     """Random error of the distance, which grows with the root of the way."""
     slip_mm_per_sqrt_m: float = 1.0
     """Random motion sideways, which grows with the root of the way."""
+    floor_mm_per_sqrt_m: float = 0.5
+    """Random change of the height by the floor, which grows with the root of the way."""
     speed_mm_per_sqrt_s: float = 4.0
     """Random error of the distance, which grows with the root of the time while the wheels turn."""
     gyro_bias_deg_s: float = 0.2
@@ -132,21 +133,26 @@ class OdometryNoise:
         Returns
         -------
         Motion
-            Its noise is proportional to the time, so that it does not matter how a way is cut into motions.
+            Its noise is proportional to the time, so that it does not matter how a straight way is cut into motions;
+            on a curve, to the second order of the turn.
         """
         increment = twist.after(duration)
         path = math.hypot(twist.forward, twist.left) * duration
-        # a turn comes about evenly over the motion, so that half of its error swings what is travelled in it
+        # a turn's error comes about evenly over the motion: its mean swings half of what is travelled in it,
+        # and what varies in it a twelfth of its square
         swing = np.array([-increment[1] / 2, increment[0] / 2, 1.0])
         if rates is None:
             local = self._local(path, abs(twist.turn) * duration, duration)
         else:
             local = rates * sample * duration
-        by_local = np.array([[1.0, 0.0, swing[0]], [0.0, 1.0, swing[1]], [0.0, 0.0, 1.0]])
+        cos, sin = math.cos(increment[2] / 2), math.sin(increment[2] / 2)  # the mean heading
+        by_local = np.array([[cos, -sin, swing[0]], [sin, cos, swing[1]], [0.0, 0.0, 1.0]])
         constants = np.array(
             [[increment[0], duration * swing[0]], [increment[1], duration * swing[1]], [0, duration]]
         )
-        return Motion(increment, by_local @ local @ by_local.T, constants, path, duration)
+        aside = np.array([-increment[1], increment[0], 0.0])
+        covariance = by_local @ local @ by_local.T + local[2, 2] / 12 * np.outer(aside, aside)
+        return Motion(increment, covariance, constants, path, duration)
 
     def _local(self, path: float, turned: float, duration: float) -> FloatArray:
         """Return the (3, 3) covariance of the noise of (ahead, left, turn)."""

@@ -91,7 +91,8 @@ class DrivenPath:
         for leg in (at - 1, at):
             if 0 <= leg < len(self._legs):
                 self._legs[leg] = self._leg(leg)
-        changed = self._times[at - 1] if at > 0 else -math.inf
+        # what is before the first sample goes by the first leg
+        changed = self._times[at - 1] if at > 1 else -math.inf
         self._kept = {ends: motion for ends, motion in self._kept.items() if ends[1] <= changed}
         return changed
 
@@ -99,6 +100,11 @@ class DrivenPath:
         """Return the time of the last sample up to a time."""
         at = bisect_right(self._times, time)
         return self._times[at - 1] if at else None
+
+    def first_after(self, time: float) -> float | None:
+        """Return the time of the first sample after a time."""
+        at = bisect_right(self._times, time)
+        return self._times[at] if at < len(self._times) else None
 
     def jumps_at(self, time: float) -> bool:
         """Tell whether the poses jump before or after the sample of a time."""
@@ -207,16 +213,21 @@ class DrivenPath:
         """Return the leg from a sample to the next one."""
         earlier, later = self._samples[number : number + 2]
         duration = later.time - earlier.time
-        twist = rates_between(earlier, later)
-        limits, jumped = self._limits, False
-        if twist is not None:
-            speed, turn = math.hypot(twist.forward, twist.left), abs(twist.turn)
-            jumped = speed > limits.max_speed_mps or turn > math.radians(limits.max_turn_dps)
+        between = rates_between(earlier, later)
+        twist = self._believed(between)
+        jumped = between is not None and twist is None
         if jumped:
-            twist = mean_rates(earlier, later)
+            twist = self._believed(mean_rates(earlier, later))
         known = twist is not None
         twist = twist or Twist(0.0, 0.0, 0.0)
         return _Leg(twist, known, jumped, self._moved(twist, known, later.covariance, duration, duration))
+
+    def _believed(self, twist: Twist | None) -> Twist | None:
+        """Return rates that a forklift may have; None for others."""
+        if twist is None:
+            return None
+        fast = math.hypot(twist.forward, twist.left) > self._limits.max_speed_mps
+        return None if fast or abs(twist.turn) > math.radians(self._limits.max_turn_dps) else twist
 
     def _moved(self, twist: Twist, known: bool, rates: FloatArray | None, whole: float, duration: float) -> Motion:
         """Return the motion for a part of a leg, without what is unsure of its ends."""
@@ -243,7 +254,7 @@ class DrivenPath:
         """Return the motion before the first or after the last sample, at the rates there."""
         edge = self._times[0] if leg < 0 else self._times[-1]
         sample, nearest = (self._samples[0], self._legs[:1]) if leg < 0 else (self._samples[-1], self._legs[-1:])
-        twist = sample.twist or (nearest[0].twist if nearest and nearest[0].known else None)
+        twist = self._believed(sample.twist) or (nearest[0].twist if nearest and nearest[0].known else None)
         begin = edge if start is None else start
         finish = edge if end is None else end
         duration = finish - begin

@@ -9,7 +9,7 @@ import math
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass, replace
 
-from tracking.belief import Belief, Rules, advance, carried
+from tracking.belief import Belief, Foreseen, Rules, advance, carried, waiting
 from tracking.motion import no_motion
 from tracking.observation import Observation
 from tracking.path import DrivenPath
@@ -24,10 +24,15 @@ class Look:
     observations: tuple[Observation, ...] = ()
     """In their order."""
 
+    def holds(self, observation: Observation) -> bool:
+        """Tell whether it has an observation that says the same."""
+        at = bisect_left(self.observations, observation.order, key=lambda one: one.order)
+        return at < len(self.observations) and self.observations[at].order == observation.order
+
     def plus(self, observation: Observation) -> Look:
         """Return the look with one more observation in its place."""
-        together = sorted((*self.observations, observation), key=lambda one: one.order)
-        return replace(self, observations=tuple(together))
+        at = bisect_left(self.observations, observation.order, key=lambda one: one.order)
+        return replace(self, observations=(*self.observations[:at], observation, *self.observations[at:]))
 
 
 class Replay:
@@ -51,6 +56,8 @@ class Replay:
         self.looks: list[Look] = []
         self.beliefs: list[Belief] = []
         self._times: list[float] = []
+        self._foreseen: Foreseen | None = None
+        """Of the last step that was done: more measurements of that shot may come."""
 
     @property
     def current(self) -> Belief:
@@ -97,11 +104,52 @@ class Replay:
         return first
 
     def _step(self, before: Belief, look: Look) -> Belief:
+        via = self._carried(before, look.time)
+        before = via[-1] if via else before
         if before.time is None:
             motion = no_motion() if self.path.reaches(look.time) else None
         else:
             motion = self.path.motion(before.time, look.time)
-        return advance(before, motion, look.time, look.observations, self._rules)
+        if motion is None:
+            return replace(waiting(before, len(look.observations)), via=tuple(via))
+        if self._foreseen is None or not self._foreseen.serves(before, motion, look.time):
+            self._foreseen = Foreseen(before, motion, look.time, self._rules)
+        return replace(advance(self._foreseen, look.observations, self._rules), via=tuple(via))
+
+    def _carried(self, belief: Belief, until: float) -> list[Belief]:
+        """Return the steps of a belief that is carried along while no shot comes: old odometry can then be dropped.
+
+        It stops at the last sample of every whole window that ended a window before: these are the same whether they
+        are asked for at the next shot or when an older input can come no more.
+        """
+        window, steps = self._rules.config.window.window_s, list[Belief]()
+        while belief.time is not None:
+            following = self.path.first_after(belief.time)
+            if following is None:
+                break
+            stop = belief.time + window * max(1, math.ceil((following - belief.time) / window))
+            last = self.path.last_before(stop)
+            motion = None if last is None or stop + window >= until else self.path.motion(belief.time, last)
+            if last is None or motion is None:
+                break
+            belief = carried(belief, motion, last, self._rules)
+            steps.append(belief)
+        return steps
+
+    def final_count(self, horizon: float) -> int:
+        """Return how many looks no input from a time on can change any more.
+
+        A shot waits for a sample of odometry after it that is as old: until then another one may come between them,
+        but it waits no longer than another window.
+
+        Parameters
+        ----------
+        horizon : float
+            In seconds.
+        """
+        sure = self.path.last_before(math.nextafter(horizon, -math.inf))
+        count = bisect_left(self._times, horizon - self._rules.config.window.window_s)
+        return count if sure is None else max(count, bisect_right(self._times, sure))
 
     def forget_before(self, horizon: float) -> tuple[Look, ...]:
         """Drop what no input from a time on can change any more.
@@ -116,29 +164,18 @@ class Replay:
         tuple of Look
             The looks whose steps are final now.
         """
-        count = bisect_left(self._times, horizon)
+        count = self.final_count(horizon)
         final = tuple(self.looks[:count])
         if count:
             self.base = self.beliefs[count - 1]
             if self._past is not None:
                 self._past += self.beliefs[:count]
             del self.looks[:count], self.beliefs[:count], self._times[:count]
-        self._carry_base(horizon)
+        steps = self._carried(self.base, horizon)
+        if steps:
+            self.base = steps[-1]
+        if self._past is not None:
+            self._past += steps
         needed = horizon if self.base.time is None else min(self.base.time, horizon)
         self.path.forget_before(needed - self._rules.config.latency.search_s)
         return final
-
-    def _carry_base(self, horizon: float) -> None:
-        """Carry what is believed along while no shot comes, so that old odometry can be dropped.
-
-        Where a look is kept, its step began at the base as it is; it takes the base's place before long.
-        """
-        time = self.base.time
-        if time is None or self.looks or horizon - time < self._rules.config.window.window_s:
-            return
-        until = self.path.last_before(horizon)
-        motion = None if until is None or until <= time else self.path.motion(time, until)
-        if until is not None and motion is not None:
-            self.base = carried(self.base, motion, until, self._rules)
-            if self._past is not None:
-                self._past.append(self.base)

@@ -25,8 +25,9 @@ import numpy as np
 
 from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 from tracking.config import TrackerConfig
-from tracking.filter import POSE, YAW, Gaussian, PalletFilter
+from tracking.filter import POSE, Gaussian, PalletFilter
 from tracking.history import Moment
+from tracking.observation import YAW
 from tracking.path import DrivenPath
 from tracking.track import Track
 
@@ -132,7 +133,7 @@ def smoothed_at(
         for one in moments[before].states:
             if one.track.end(time, config.life):
                 continue
-            state = one.state if motion.duration == 0 else engine.predicted(one.state, motion).state
+            state = one.state if motion.duration == 0 else engine.predicted([one.state], motion)[0].state
             states.append(SmoothedState(time, one.number, one.track, state))
     return tuple(states)
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import NamedTuple
-
-import numpy as np
 
 from palletloc.geometry import FloatArray, LevelPose
 from tracking.config import LifeConfig
@@ -29,7 +28,7 @@ class Key(NamedTuple):
 
     time: float
     """When that was, in seconds."""
-    birth: tuple[object, ...]
+    birth: str
     """That measurement's `Observation.order`."""
 
 
@@ -75,7 +74,7 @@ class Track:
     @property
     def pose(self) -> LevelPose:
         """``forklift_from_pallet``."""
-        return LevelPose(*(float(value) for value in self.state.mean[POSE]))
+        return LevelPose(*self.state.mean[POSE].tolist())
 
     @property
     def covariance(self) -> FloatArray:
@@ -111,11 +110,25 @@ class Track:
             return f"not seen in {self.misses} shots before it was confirmed"
         if self.is_too_old(time, config):
             return f"not seen for {time - self.seen:.3g} s"
-        sigma = float(np.sqrt(np.linalg.eigvalsh(self.covariance[:2, :2])[-1]))
-        if sigma > config.max_sigma_m:
-            return f"its place is known to {sigma:.2g} m only"
         return ""
+
+    def vague(self, config: LifeConfig) -> str:
+        """Return why it is not worth keeping unless it is seen; nothing where its place is known well enough."""
+        sigma = floor_sigma(self.state.covariance)
+        return f"its place is known to {sigma:.2g} m only" if sigma > config.max_sigma_m else ""
 
     def is_too_old(self, time: float, config: LifeConfig) -> bool:
         """Tell whether its last measurement is too long ago."""
         return time - self.seen > (config.max_coast_s if self.confirmed else config.tentative_age_s)
+
+
+def floor_sigma(covariance: FloatArray) -> float:
+    """Return the standard deviation of a place on the floor, in metres: along the direction where it is largest.
+
+    Parameters
+    ----------
+    covariance : (n, n) array
+        Its first two numbers are x and y.
+    """
+    (xx, xy), (_, yy) = covariance[:2, :2].tolist()
+    return math.sqrt((xx + yy) / 2 + math.hypot((xx - yy) / 2, xy))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 from palletloc.geometry import LevelPose
 from palletloc.measurement import PalletMeasurement
@@ -25,9 +26,12 @@ from tracking.odometry import Odometry, check_odometry
 from tracking.odometry_errors import OdometryErrors, odometry_errors
 from tracking.replay import Look, Replay
 from tracking.shot_taken import ShotTaken
+from tracking.snapshot import read_config, restored, written
 
 Input = Odometry | PalletMeasurement | PartialMeasurement | ShotTaken
 """What a tracker takes."""
+Ready = Odometry | Observation | ShotTaken
+"""An input that was checked."""
 
 
 class PalletTracker:
@@ -77,6 +81,8 @@ class PalletTracker:
         self._replay = self._new_replay()
         self._news = News(self.config.life)
         self._latency = LatencyWatch(self.config)
+        self._held: list[Ready] = []
+        """Inputs from another time, until it is clear whether that is the present."""
 
     @property
     def newest(self) -> float | None:
@@ -220,12 +226,40 @@ class PalletTracker:
         """
         return odometry_errors([track.state for track in self._replay.current.tracks], self.config)
 
+    def snapshot(self) -> dict[str, Any]:
+        """Return all that it knows as plain values that JSON knows, with its parameters.
+
+        What is inside the window is kept as it came: `restore` does those steps again.
+        """
+        return written(self.config, self._clock, self._replay, self._news, self._latency, self._held)
+
+    @classmethod
+    def restore(cls, snapshot: Mapping[str, Any], models: Iterable[PalletModel] | None = None) -> PalletTracker:
+        """Return a tracker that goes on where another one was when its `snapshot` was taken.
+
+        Parameters
+        ----------
+        snapshot : mapping
+            As `snapshot` gave it, maybe by way of JSON.
+        models : iterable of PalletModel, optional
+            As that tracker had them; they are not part of it.
+
+        Raises
+        ------
+        SnapshotError
+            If it is malformed or of another version.
+        """
+        tracker = cls(read_config(snapshot), models)
+        parts = tracker._clock, tracker._replay, tracker._news, tracker._latency
+        tracker._held = restored(snapshot, tracker.config, *parts)
+        return tracker
+
     def _push(self, inputs: Sequence[Input]) -> list[Event]:
         """Take inputs that come together: their steps are done once."""
         events: list[Event] = []
         changed = math.inf
-        for one in inputs:
-            fates, since = self._taken(one)
+        for one, ready in zip(inputs, self._checked(inputs), strict=True):
+            fates, since = self._taken(one, ready)
             events += fates
             changed = min(changed, since)
         first = self._replay.run(changed)
@@ -237,33 +271,50 @@ class PalletTracker:
             self._history.name(self._news.names.numbers)
         return events + self._news.of_final(self._replay, final)
 
-    def _taken(self, given: Input) -> tuple[list[Event], float]:
+    def _taken(self, given: Input, ready: Ready | BadInputError) -> tuple[list[Event], float]:
         """Return what became of an input, and from when on steps have to be done again."""
-        try:
-            ready = self._checked(given)
-        except BadInputError as fault:
-            return [Event(EventKind.REJECTED, given.time, reason=str(fault))], math.inf
+        if isinstance(ready, BadInputError):
+            return [Event(EventKind.REJECTED, given.time, reason=str(ready))], math.inf
         lateness = self._clock.judge(ready.time)
-        before: list[Event] = []
-        if lateness.restarted:
-            before = self._restarted(ready.time)
-        elif not lateness.in_time:
+        self._held = self._held[-lateness.follows :] if lateness.follows else []
+        if not lateness.in_time:
+            self._held = [*self._held, ready][-self.config.window.restart_inputs :]
             kind = EventKind.TIME_JUMP if lateness.jumped else EventKind.TOO_LATE
             window = self.config.window.window_s
             return [Event(kind, ready.time, age=lateness.age, window=window)], math.inf
-        events, changed = self._take_odometry(ready) if isinstance(ready, Odometry) else self._take_look(ready)
-        return before + events, changed
+        events = self._restarted(ready.time) if lateness.restarted else []
+        since = math.inf
+        for one in (*self._held, ready):
+            if self._clock.horizon <= one.time <= self._clock.newest:
+                fates, changed = self._take_odometry(one) if isinstance(one, Odometry) else self._take_look(one)
+                events += fates
+                since = min(since, changed)
+        self._held = []
+        return events, since
 
-    def _checked(self, given: Input) -> Odometry | Observation | ShotTaken:
-        """Return an input ready to be used; raise a fault that names what is wrong."""
-        if isinstance(given, Odometry):
-            return check_odometry(given)
-        if isinstance(given, ShotTaken):
-            return given.checked(self.config.errors.latency_s)
+    def _checked(self, inputs: Sequence[Input]) -> list[Ready | BadInputError]:
+        """Return inputs ready to be used, or what is wrong with them; all measurements at once."""
+        found: dict[int, Ready | BadInputError] = {}
+        measured: dict[int, PalletMeasurement | PartialMeasurement] = {}
+        for number, given in enumerate(inputs):
+            try:
+                if isinstance(given, Odometry):
+                    found[number] = check_odometry(given)
+                elif isinstance(given, ShotTaken):
+                    found[number] = given.checked(self.config.errors.latency_s)
+                else:
+                    self._check_model(given)
+                    measured[number] = given
+            except BadInputError as fault:
+                found[number] = fault
+        ready = observe(list(measured.values()), self.config.errors)
+        found.update(zip(measured, ready, strict=True))
+        return [found[number] for number in range(len(inputs))]
+
+    def _check_model(self, given: PalletMeasurement | PartialMeasurement) -> None:
         if not self._rules.footprints.accepts(given.model):
             names = ", ".join(self._rules.footprints.names)
             raise BadInputError("model", given.time, f"expected one of {names}, got {given.model!r}")
-        return observe(given, self.config.errors)
 
     def _take_odometry(self, sample: Odometry) -> tuple[list[Event], float]:
         path = self._replay.path
@@ -283,7 +334,7 @@ class PalletTracker:
             if look is None:
                 self._replay.place(Look(given.time))
             return [Event(EventKind.ACCEPTED, given.time)], math.inf
-        if look is not None and any(one.order == given.order for one in look.observations):
+        if look is not None and look.holds(given):
             return [Event(EventKind.DUPLICATE, given.time)], math.inf
         self._replay.place((look or Look(given.time)).plus(given))
         return [], math.inf

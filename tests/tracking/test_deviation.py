@@ -168,7 +168,7 @@ def test_the_smoother_is_drawn_where_there_is_one() -> None:
         mean, covariance = np.zeros(10), np.eye(10)
         mean[:4], covariance[:4, :4] = one.pose.as_array(), one.covariance
         state = Gaussian(mean, covariance)
-        then = Track(Key(0.0, ()), "t11", state, one.time, 3, confirmed=True)
+        then = Track(Key(0.0, ""), "t11", state, one.time, 3, confirmed=True)
         later.append(SmoothedState(one.time, one.track, then, state))
     run = replace(run_of(ROWS, FOUND), later=tuple(later))
     tracks = track_deviations(run, TRUTH)

@@ -23,7 +23,7 @@ from tracking.track import Key, Track
 from tracking.tracker import Input, PalletTracker
 
 NOISE = OdometryNoise(wheel_scale_percent=2.0, gyro_bias_deg_s=0.3)
-ALONE = MeasurementErrors(common_position_m=0.0, common_yaw_deg=0.0)
+ALONE = MeasurementErrors(common_position_m=0.0, common_yaw_deg=0.0, inflation=1.0)
 HONEST = TrackerConfig(
     odometry=NOISE,
     errors=ALONE,
@@ -172,14 +172,17 @@ def straight(config: TrackerConfig, count: int = 8) -> tuple[list[Track], list[M
     observations: list[Observation] = []
     for step in range(count):
         values = PALLET.as_array() - [0.3 * step, 0.0, 0.0, 0.0] + random.normal(size=4) * SIGMA
-        observations.append(observe(measured(0.5 * step, values), config.errors))
+        (ready,) = observe([measured(0.5 * step, values)], config.errors)
+        assert isinstance(ready, Observation)
+        observations.append(ready)
         if not chain:
-            state, predicted = engine.begin(observations[0]), None
+            predicted = None
+            state = engine.begin(observations[0])
         else:
             motions.append(config.odometry.moved(Twist(0.6, 0.0, 0.0), 0.5))
-            predicted = engine.predicted(chain[-1].state, motions[-1])
+            (predicted,) = engine.predicted([chain[-1].state], motions[-1])
             state = engine.updated(predicted.state, observations[-1])
-        chain.append(Track(Key(0.0, ()), "t11", state, 0.5 * step, predicted=predicted))
+        chain.append(Track(Key(0.0, ""), "t11", state, 0.5 * step, predicted=predicted))
     return chain, motions, observations
 
 
@@ -188,7 +191,7 @@ STRAIGHT = OdometryNoise(
 )
 
 
-@pytest.mark.parametrize("errors_alike", [ALONE, MeasurementErrors()], ids=["independent", "shared"])
+@pytest.mark.parametrize("errors_alike", [ALONE, MeasurementErrors(inflation=1.0)], ids=["independent", "shared"])
 def test_on_a_linear_way_it_is_the_least_squares_solution(errors_alike: MeasurementErrors) -> None:
     """All states together, conditioned on all measurements at once; a gyroscope without bias makes it singular."""
     config = replace(HONEST, odometry=STRAIGHT, errors=errors_alike)
@@ -198,7 +201,7 @@ def test_on_a_linear_way_it_is_the_least_squares_solution(errors_alike: Measurem
     covariance = np.zeros((count, size, count, size))
     mean[0], covariance[0, :, 0] = engine.begin(observations[0])
     for k, motion in enumerate(motions):
-        F, Q, mean[k + 1] = engine.transition(mean[k], motion)
+        (F,), (Q,), (mean[k + 1],) = engine.transitions(mean[k : k + 1], motion)
         for j in range(k + 1):
             covariance[k + 1, :, j] = F @ covariance[k, :, j]
             covariance[j, :, k + 1] = covariance[k + 1, :, j].T

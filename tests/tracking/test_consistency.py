@@ -1,0 +1,128 @@
+"""Whether errors are as large as they are said to be, over many simulated approaches with the true noise model."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from benchmarks.approaches import Approach, Drive, simulate
+from palletloc.geometry import FloatArray, wrap_angle
+from tracking import OdometryNoise, PalletTracker, TrackerConfig
+from tracking.config import MeasurementErrors
+
+RUNS, FIRST = 50, 10
+# Steps whose errors hang together little: a pose that is measured as well as it is carried on.
+LIVELY = OdometryNoise(
+    distance_mm_per_sqrt_m=40.0,
+    slip_mm_per_sqrt_m=40.0,
+    floor_mm_per_sqrt_m=40.0,
+    gyro_random_walk_deg_per_sqrt_s=2.0,
+)
+CONFIG = TrackerConfig(odometry=LIVELY, errors=MeasurementErrors(0.0, 0.0, inflation=1.0))
+DRIVE = Drive(duration=20.0, speed=0.25, rate=10, shot_every=1, sigma_m=0.0002, sigma_yaw=0.0003)
+
+
+class Run(NamedTuple):
+    """Normalised squares at every shot of an approach."""
+
+    nees: list[float]
+    nis: list[float]
+
+
+class Verdict(NamedTuple):
+    """What the means over all approaches say."""
+
+    nees_inside: float
+    nis_inside: float
+    nees: float
+    nis: float
+
+    @property
+    def consistent(self) -> bool:
+        inside = self.nees_inside >= 0.9 and self.nis_inside >= 0.9
+        return inside and abs(self.nees / 4 - 1) < 0.1 and abs(self.nis / 4 - 1) < 0.1
+
+
+def tracked(approach: Approach, config: TrackerConfig, factor: float) -> Run:
+    """Track an approach whose measurements state their covariance times a factor."""
+    tracker, run = PalletTracker(config), Run([], [])
+    taken = 0
+    for measurement, truth in zip(approach.measurements, approach.truth, strict=True):
+        upto = taken
+        while upto < len(approach.odometry) and approach.odometry[upto].time <= measurement.time:
+            upto += 1
+        stated = replace(measurement, covariance=factor * measurement.covariance)
+        tracker.push([*approach.odometry[taken:upto], stated])
+        taken = upto
+        state = min(tracker.tracks(), key=lambda one: abs(one.pose.x - truth[0]), default=None)
+        if state is None:  # between a track that was lost and the next one
+            run.nees.append(np.nan)
+            run.nis.append(np.nan)
+            continue
+        away = state.pose.as_array() - truth
+        away[3] = wrap_angle(float(away[3]))
+        run.nees.append(float(away @ np.linalg.solve(state.covariance, away)))
+        run.nis.append(state.nis)
+    return run
+
+
+def judged(runs: list[Run]) -> Verdict:
+    """Hold the means over the runs against the band in which 95 % of them lie."""
+    low, high = (float(chi2.ppf(p, 4 * len(runs))) / len(runs) for p in (0.025, 0.975))
+
+    def means(values: list[list[float]]) -> FloatArray:
+        return np.asarray(np.nanmean(np.array(values)[:, FIRST:], axis=0))
+
+    nees, nis = means([run.nees for run in runs]), means([run.nis for run in runs])
+    inside = [float(np.mean((low <= one) & (one <= high))) for one in (nees, nis)]
+    return Verdict(inside[0], inside[1], float(nees.mean()), float(nis.mean()))
+
+
+def ensemble(seed: int, config: TrackerConfig, drive: Drive, factor: float = 1.0, runs: int = RUNS) -> Verdict:
+    rng = np.random.default_rng(seed)
+    return judged([tracked(simulate(rng, config, drive), config, factor) for _ in range(runs)])
+
+
+def test_the_band_is_that_of_the_chi_square_distribution() -> None:
+    low, high = (float(chi2.ppf(p, 4 * RUNS)) / RUNS for p in (0.025, 0.975))
+    assert (round(low, 2), round(high, 2)) == (3.25, 4.82)
+
+
+def test_errors_and_innovations_are_as_large_as_they_are_said_to_be() -> None:
+    verdict = ensemble(0, CONFIG, DRIVE)
+    assert verdict.consistent, verdict
+
+
+@pytest.mark.parametrize("factor", [0.25, 4.0])
+def test_that_is_not_so_where_measurements_state_another_covariance(factor: float) -> None:
+    verdict = ensemble(1, CONFIG, replace(DRIVE, duration=3.0), factor)
+    assert not verdict.consistent, verdict
+    assert verdict.nees_inside < 0.5
+    assert abs(verdict.nees / 4 - 1) > 0.3
+
+
+def test_with_the_usual_noise_and_errors_that_measurements_share_the_mean_is_right() -> None:
+    verdict = ensemble(2, TrackerConfig(), Drive(duration=8.0, rate=10, shot_every=2), runs=25)
+    assert 3.2 < verdict.nees < 4.8, verdict
+    assert 3.7 < verdict.nis < 4.3, verdict
+
+
+def test_without_the_shared_part_in_the_model_errors_are_larger_than_they_are_said_to_be() -> None:
+    rng = np.random.default_rng(3)
+    drive = Drive(duration=8.0, rate=20, shot_every=2, sigma_m=0.0004, sigma_yaw=0.0004)
+    true = TrackerConfig()
+    naive = replace(true, errors=MeasurementErrors(0.0, 0.0, inflation=1.0))
+    approaches = [simulate(rng, true, drive) for _ in range(8)]
+    honest, wrong = (judged([tracked(one, config, 1.0) for one in approaches]) for config in (true, naive))
+    assert honest.nees < 5.0 < wrong.nees
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(10, 30))
+def test_that_holds_for_any_seed(seed: int) -> None:
+    verdict = ensemble(seed, CONFIG, DRIVE)
+    assert verdict.consistent, verdict

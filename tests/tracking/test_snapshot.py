@@ -1,0 +1,140 @@
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from palletloc.pallet_library import load_library
+from tracking import Odometry, PalletTracker, ShotTaken, SnapshotError, TrackerConfig
+from tracking.config import GateConfig, LifeConfig
+
+SiteMaker = Callable[..., Any]
+FEW = settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+
+def again(tracker: PalletTracker) -> PalletTracker:
+    return PalletTracker.restore(json.loads(json.dumps(tracker.snapshot(), allow_nan=False)))
+
+
+def assert_same(one: PalletTracker, other: PalletTracker) -> None:
+    assert one.newest == other.newest
+    for a, b in zip(one.tracks(), other.tracks(), strict=True):
+        assert repr(replace(a, covariance=np.zeros(0))) == repr(replace(b, covariance=np.zeros(0)))
+        np.testing.assert_array_equal(a.covariance, b.covariance)
+
+
+@FEW
+@given(st.integers(0, 2**32 - 1), st.floats(0.0, 1.0))
+def test_after_a_restart_at_any_time_all_goes_on_to_the_last_bit(
+    make_site: SiteMaker, seed: int, share: float
+) -> None:
+    site = make_site(seed)
+    inputs = site.late(site.stream(4.0), 0.8)
+    cut = round(share * len(inputs))
+    tracker = PalletTracker()
+    for one in inputs[:cut]:
+        tracker.push(one)
+    restored = again(tracker)
+    assert_same(tracker, restored)
+    for one in inputs[cut:]:
+        assert repr(tracker.push(one)) == repr(restored.push(one))
+    assert_same(tracker, restored)
+
+
+def test_inputs_of_another_time_that_are_held_are_kept(make_site: SiteMaker) -> None:
+    site, tracker = make_site(1), PalletTracker()
+    tracker.push([site.odometry(0.0), site.measured(0, 0.0)])
+    ahead = [site.odometry(0.0), site.measured(0, 0.0), site.partly(0, 0.0), ShotTaken(0.0)]
+    for k, one in enumerate(ahead):
+        tracker.push(replace(one, time=1000.0 + k / 10))
+    restored = again(tracker)
+    last = Odometry(1000.5, site.forklift(0.0))
+    events = tracker.push(last)
+    assert repr(restored.push(last)) == repr(events)
+    assert [str(event.kind) for event in events].count("accepted") >= 3
+    assert_same(tracker, restored)
+
+
+def test_a_rival_and_another_config_are_kept(make_site: SiteMaker) -> None:
+    site = make_site(2)
+    config = TrackerConfig(gate=GateConfig(adapt_over=4), life=LifeConfig(recovery_hits=30))
+    tracker = PalletTracker(config)
+    for k in range(40):
+        tracker.push([site.odometry(k / 5), site.measured(0, k / 5, (0.3 * (k > 20), 0.0, 0.0, 0.0))])
+    assert tracker._replay.base.tracks[0].rival is not None
+    restored = again(tracker)
+    assert restored.config == config
+    for k in range(40, 55):
+        inputs = [site.odometry(k / 5), site.measured(0, k / 5, (0.3, 0.0, 0.0, 0.0))]
+        assert repr(tracker.push(inputs)) == repr(restored.push(inputs))
+    assert_same(tracker, restored)
+
+
+def test_a_new_tracker_has_a_snapshot_too() -> None:
+    restored = again(PalletTracker())
+    assert restored.newest is None
+    assert restored.tracks() == ()
+
+
+def test_the_models_of_the_site_are_given_again(make_site: SiteMaker) -> None:
+    models = [load_library()["epal1-800"]]
+    restored = PalletTracker.restore(PalletTracker(models=models).snapshot(), models)
+    site = make_site(3)
+    restored.push(site.odometry(0.0))
+    assert [str(event.kind) for event in restored.push(site.measured(0, 0.0))] == ["rejected"]
+
+
+def broken(snapshot: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
+    changed: dict[str, Any] = json.loads(json.dumps(snapshot))
+    inside: Any = changed
+    *steps, last = [int(step) if step.isdecimal() else step for step in path.split(".")]
+    for step in steps:
+        inside = inside[step]
+    if value is KeyError:
+        del inside[last]
+    else:
+        inside[last] = value
+    return changed
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "words"),
+    [
+        ("version", 2, "version: expected 1, got 2"),
+        ("version", KeyError, "version: expected 1, got None"),
+        ("looks", KeyError, "looks"),
+        ("more", 1, "more"),
+        ("newest", "soon", "newest"),
+        ("base.tracks.0.state.mean", [1.0], r"base\.tracks\.0\.state\.mean"),
+        ("base.tracks.0.state.mean.0", float("nan"), r"base\.tracks\.0\.state\.mean"),
+        ("looks.0.measurements.0.covariance", [[1.0]], "covariance"),
+        ("looks.0.measurements.0.kind", "guess", "kind"),
+        ("odometry.0.pose", None, "expected a pose, rates, or both"),
+        ("news.numbers", [], "numbers"),
+        ("config.gate", KeyError, "config"),
+        ("config.gate.probability", "high", r"config\.gate\.probability"),
+        ("config.gate.more", 1, "config"),
+    ],
+)
+def test_what_is_wrong_with_a_snapshot_is_said_in_one_line(
+    make_site: SiteMaker, path: str, value: Any, words: str
+) -> None:
+    site, tracker = make_site(4), PalletTracker()
+    for k in range(100):
+        tracker.push([Odometry(k / 20, site.forklift(k / 20)), *([site.measured(0, k / 20)] if k % 4 == 0 else [])])
+    with pytest.raises(SnapshotError, match=words) as fault:
+        PalletTracker.restore(broken(tracker.snapshot(), path, value))
+    assert "\n" not in str(fault.value)
+    assert str(fault.value).startswith("snapshot: ")
+
+
+@pytest.mark.parametrize("given_snapshot", [None, [], "{}", 3])
+def test_something_else_is_no_snapshot(given_snapshot: Any) -> None:
+    with pytest.raises(SnapshotError, match="snapshot"):
+        PalletTracker.restore(given_snapshot)

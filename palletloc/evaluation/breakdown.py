@@ -1,9 +1,9 @@
-"""Errors in groups: by pallet, by track, by distance; each group with its statistics."""
+"""Errors in groups: by pallet, by stop, by track, by distance; each group with its statistics."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -13,6 +13,7 @@ from palletloc.evaluation.estimate_error import EstimateError, offsets
 from palletloc.evaluation.proportion import Proportion, clopper_pearson
 from palletloc.evaluation.shot_match import ShotMatch
 from palletloc.evaluation.spread import Spread, spread
+from palletloc.evaluation.time_pairing import nearest_pairs
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +56,35 @@ class TrackErrors:
 def by_pallet(errors: Iterable[EstimateError]) -> dict[str, tuple[EstimateError, ...]]:
     """Return the errors of each true pallet, by its id."""
     return _grouped(errors, lambda one: one.error.face.id)
+
+
+def by_stop(
+    errors: Iterable[EstimateError], stops: Mapping[str, float], limit: float
+) -> dict[tuple[str, str], tuple[EstimateError, ...]]:
+    """Return the errors at each stop of the forklift, each pallet on its own.
+
+    Parameters
+    ----------
+    errors : iterable of EstimateError
+        Of all shots.
+    stops : mapping of str to float
+        When the forklift stood still, in seconds, by the stops' names.
+    limit : float
+        How far a shot may be from its stop's time, in seconds; it belongs to the nearest one.
+
+    Returns
+    -------
+    dict
+        By the names of stop and pallet; without the shots of no stop. What
+        `palletloc.evaluation.iso9283.stop_accuracy` takes are the `offsets` of a group.
+    """
+    errors = list(errors)
+    names = list(stops)
+    pairs = nearest_pairs(np.array([one.time for one in errors]), np.array([stops[name] for name in names]), limit)
+    groups: dict[tuple[str, str], list[EstimateError]] = {}
+    for row, stop in zip(pairs.first, pairs.second, strict=True):
+        groups.setdefault((names[stop], errors[row].error.face.id), []).append(errors[row])
+    return {key: tuple(group) for key, group in groups.items()}
 
 
 def by_track(shots: Iterable[ShotMatch]) -> tuple[TrackErrors, ...]:

@@ -52,13 +52,13 @@ def test_the_same_seed_gives_the_same_interval_and_a_generator_goes_on() -> None
 
 def test_the_interval_covers_the_true_difference_at_the_nominal_rate() -> None:
     rng = np.random.default_rng(3)
-    runs, views = 150, 40
+    runs, views = 400, 40
     hits = 0
     for _ in range(runs):
         first, second = rng.exponential(1.0, views), rng.exponential(1.3, views)
         found = paired_difference(first, second, np.arange(views), 0.9, 400, rng)
         hits += found.low <= 0.3 <= found.high
-    # four standard deviations of the count, and a point or two of the bootstrap's own error
+    # four standard deviations of the count
     assert hits / runs == pytest.approx(0.9, abs=4 * np.sqrt(0.09 / runs))
 
 

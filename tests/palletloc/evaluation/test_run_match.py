@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
-from palletloc.evaluation.breakdown import by_distance, by_pallet, by_track, distance_edges, spreads
+from palletloc.evaluation.breakdown import by_distance, by_pallet, by_stop, by_track, distance_edges, spreads
 from palletloc.evaluation.errors import EvaluationError, Sight
 from palletloc.evaluation.estimate import PalletEstimate
 from palletloc.evaluation.run_match import RunMatch, TrueScene, match_run
@@ -144,6 +144,18 @@ def test_groups_hold_each_error_once() -> None:
     assert sum(len(one.errors) for one in bins) == 8
     for one in bins:
         assert all(one.low <= error.error.face.range < one.high for error in one.errors)
+
+
+def test_shots_belong_to_the_nearest_stop_within_the_limit() -> None:
+    run = match_run(TIMES, everything(), SCENE)
+    stops = by_stop(run.errors, {"S1": 0.1, "S2": 2.6}, limit=0.5)
+    assert {key: [one.time for one in group] for key, group in stops.items()} == {
+        ("S1", "A"): [0.0],
+        ("S1", "B"): [0.0],
+        ("S2", "A"): [3.0],
+        ("S2", "B"): [3.0],
+    }
+    assert by_stop(run.errors, {}, limit=0.5) == {}
 
 
 def test_bins_count_what_was_missed_at_that_distance() -> None:

@@ -20,7 +20,8 @@ def test_differences_are_of_absolute_errors_second_minus_first() -> None:
     depth = found.differences["depth"]
     assert (depth.mean, depth.low, depth.high) == pytest.approx((-0.02, -0.02, -0.02))
     assert (depth.smaller, depth.larger, found.views, found.shots) == (4, 0, 4, 4)
-    assert found.differences["yaw"].mean == 0
+    yaw = found.differences["yaw"]
+    assert (yaw.mean, yaw.smaller, yaw.larger) == (0, 0, 0)
 
 
 def test_views_that_one_run_lacks_are_listed_and_take_no_part() -> None:
@@ -69,6 +70,15 @@ def test_views_of_one_shot_are_drawn_together() -> None:
     repeated = paired_difference(np.zeros(100), np.repeat(of_shot, 4), np.repeat(np.arange(25), 4))
     # four views that say the same are no four pieces of evidence
     assert repeated.high - repeated.low == pytest.approx(alone.high - alone.low, rel=1e-6)
+
+
+def test_pallets_of_one_shot_are_drawn_together() -> None:
+    offs = np.random.default_rng(5).normal(size=12)
+    first = [error(time, name) for time in range(12) for name in "AB"]
+    second = [error(time, name, depth=off) for time, off in enumerate(offs) for name in "AB"]
+    depth = compare_runs(first, second).differences["depth"]
+    alone = paired_difference(np.zeros(12), np.abs(offs), np.arange(12))
+    assert (depth.low, depth.high) == pytest.approx((alone.low, alone.high))
 
 
 def test_a_single_shot_has_no_interval() -> None:

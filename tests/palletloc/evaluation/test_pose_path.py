@@ -10,6 +10,7 @@ from palletloc.evaluation.time_pairing import TimeRule
 from palletloc.trajectory import Trajectory
 
 STEADY = np.array([0.3, -0.2, 0.4])
+BEGIN = Rotation.from_rotvec([1.0, 0.4, -0.2])
 
 
 def steady(times: list[float]) -> PosePath:
@@ -17,7 +18,7 @@ def steady(times: list[float]) -> PosePath:
     seconds = np.array(times)[:, None]
     return PosePath(
         np.array(times),
-        RigidTransform.from_components(seconds * [1.0, 0.5, 0.1], Rotation.from_rotvec(seconds * STEADY)),
+        RigidTransform.from_components(seconds * [1.0, 0.5, 0.1], BEGIN * Rotation.from_rotvec(seconds * STEADY)),
     )
 
 

@@ -158,6 +158,12 @@ def test_shots_belong_to_the_nearest_stop_within_the_limit() -> None:
     assert by_stop(run.errors, {}, limit=0.5) == {}
 
 
+def test_a_bin_has_its_lower_edge_and_not_its_upper_one() -> None:
+    run = match_run([0.0], everything()[:2], SCENE)
+    near, far = (one.error.face.range for one in run.errors)
+    assert [len(one.errors) for one in by_distance(run.shots, [0.0, near, far])] == [0, 1]
+
+
 def test_bins_count_what_was_missed_at_that_distance() -> None:
     run = match_run(TIMES, [], SCENE)
     ranges = [face.range for shot in run.shots for face in shot.missed]

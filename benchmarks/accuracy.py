@@ -13,7 +13,8 @@ from rich.progress import track
 from benchmarks.tables import Column, Section, Value
 from palletloc.config import Method
 from palletloc.evaluation.errors import ShotErrors, recording_errors
-from palletloc.evaluation.summary import FAR_BELOW, Spread, summarize
+from palletloc.evaluation.spread import Spread
+from palletloc.evaluation.summary import FAR_BELOW, summarize
 from palletloc.io.atomic import write_bytes
 from palletloc.io.recording import Recording
 from palletloc.io.truth import Truth, read_truth

@@ -131,7 +131,7 @@ def smoothed_at(
         if motion is None:
             continue
         for one in moments[before].states:
-            if one.track.end(time, config.life):
+            if one.track.is_too_old(time, config.life):
                 continue
             state = one.state if motion.duration == 0 else engine.predicted([one.state], motion)[0].state
             states.append(SmoothedState(time, one.number, one.track, state))

@@ -8,12 +8,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from palletloc.errors import PalletLocError, nearest_name
+from palletloc.evaluation.estimate import EstimatedPallet
+from palletloc.evaluation.normalised import nees
 from palletloc.geometry import LevelPose, level_pose, wrap_angle
 from palletloc.measurement import PalletMeasurement
 from palletloc.trajectory import Trajectory
@@ -22,6 +24,9 @@ PAIRING_DISTANCE = 0.5
 """Farthest that a measurement may lie from the pallet it belongs to, in metres."""
 SAME_TIME = 1e-3
 """Within which a measurement's time is a shot's, in seconds."""
+
+
+_Estimate = TypeVar("_Estimate", bound=EstimatedPallet)
 
 
 class EvaluationError(PalletLocError):
@@ -178,13 +183,13 @@ def _seen(pose: LevelPose, width: float, forklift_from_camera: RigidTransform, s
     return distance, bool(within and distance <= sight.max_range)
 
 
-def pair(measured: Sequence[PalletMeasurement], faces: Sequence[TrueFace]) -> list[tuple[int, int]]:
+def pair(measured: Sequence[EstimatedPallet], faces: Sequence[TrueFace]) -> list[tuple[int, int]]:
     """Give each measurement the pallet that it belongs to, and no pallet two of them; the closest go first.
 
     Parameters
     ----------
-    measured : sequence of PalletMeasurement
-        Of one shot.
+    measured : sequence of EstimatedPallet
+        Of one shot, like `PalletMeasurement`.
     faces : sequence of TrueFace
         Of the same shot, visible or not.
 
@@ -209,13 +214,13 @@ def pair(measured: Sequence[PalletMeasurement], faces: Sequence[TrueFace]) -> li
     return pairs
 
 
-def pose_error(measured: PalletMeasurement, face: TrueFace) -> PoseError:
+def pose_error(measured: EstimatedPallet, face: TrueFace) -> PoseError:
     """Compare a measurement with the pallet that it belongs to.
 
     Parameters
     ----------
-    measured : PalletMeasurement
-        With its covariance.
+    measured : EstimatedPallet
+        With its covariance, like `PalletMeasurement`.
     face : TrueFace
         The truth.
 
@@ -228,16 +233,13 @@ def pose_error(measured: PalletMeasurement, face: TrueFace) -> PoseError:
     error = measured.forklift_from_pallet.as_array() - true.as_array()
     error[3] = wrap_angle(float(error[3]))
     cos, sin = math.cos(true.yaw), math.sin(true.yaw)
-    variances, axes = np.linalg.eigh(measured.covariance)
-    proper = bool(variances[0] > 0)
-    nees = float(((axes.T @ error) ** 2 / variances).sum()) if proper else math.inf
     return PoseError(
         face,
         depth=float(cos * error[0] + sin * error[1]),
         along=float(cos * error[1] - sin * error[0]),
         height=float(error[2]),
         yaw=float(error[3]),
-        nees=nees,
+        nees=nees(error, measured.covariance),
         same_model=measured.model == face.model,
     )
 
@@ -278,6 +280,26 @@ def shot_errors(
     )
 
 
+def by_shot(times: Sequence[float], measured: Iterable[_Estimate]) -> list[list[_Estimate]]:
+    """Return the measurements of each shot; ``times`` are the shots', in seconds.
+
+    Raises
+    ------
+    EvaluationError
+        If a measurement's time is no shot's.
+    """
+    shots: list[list[_Estimate]] = [[] for _ in times]
+    moments = np.array(times)
+    for one in measured:
+        nearest = int(np.abs(moments - one.time).argmin())
+        if abs(times[nearest] - one.time) > SAME_TIME:
+            raise EvaluationError(
+                f"a measurement at {one.time:.6g} s is of no shot; the nearest is {times[nearest]:.6g} s"
+            )
+        shots[nearest].append(one)
+    return shots
+
+
 def recording_errors(
     times: Sequence[float],
     measured: Iterable[PalletMeasurement],
@@ -312,15 +334,6 @@ def recording_errors(
     TrajectoryError
         If the true path does not cover a shot.
     """
-    by_shot: list[list[PalletMeasurement]] = [[] for _ in times]
-    moments = np.array(times)
-    for one in measured:
-        nearest = int(np.abs(moments - one.time).argmin())
-        if abs(times[nearest] - one.time) > SAME_TIME:
-            raise EvaluationError(
-                f"a measurement at {one.time:.6g} s is of no shot; the nearest is {times[nearest]:.6g} s"
-            )
-        by_shot[nearest].append(one)
     height = float(forklift_from_camera.translation[2])
     return [
         shot_errors(
@@ -329,5 +342,5 @@ def recording_errors(
             true_faces(pallets, widths, world_from_forklift.pose_at(time), forklift_from_camera, sight),
             height,
         )
-        for time, found in zip(times, by_shot, strict=True)
+        for time, found in zip(times, by_shot(times, measured), strict=True)
     ]

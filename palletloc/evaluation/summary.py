@@ -8,23 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from palletloc.evaluation.errors import ShotErrors
+from palletloc.evaluation.spread import Spread, spread
 
 FAR_BELOW = 0.6
 """How far below the camera a pallet's lower edge lies for a horizontal plane to serve well, in metres."""
-
-
-@dataclass(frozen=True, slots=True)
-class Spread:
-    """How large errors of one kind are, in the unit of the errors."""
-
-    median: float
-    """Median of the absolute values."""
-    p95: float
-    """Their 95th percentile, linear between neighbours."""
-    maximum: float
-    """The largest."""
-    bias: float
-    """Median of the signed values."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,20 +71,13 @@ def summarize(shots: Iterable[ShotErrors]) -> Summary:
         len(errors) + missed,
         len(errors),
         sum(len(shot.false) for shot in shots),
-        _spread([error.yaw for error in errors]),
-        _spread([error.depth for error in errors]),
-        _spread([error.along for error in errors]),
-        _spread([error.height for error in errors]),
+        spread([error.yaw for error in errors]),
+        spread([error.depth for error in errors]),
+        spread([error.along for error in errors]),
+        spread([error.height for error in errors]),
         _mean([error.nees for error in errors]),
         _mean([float(error.same_model) for error in errors]),
     )
-
-
-def _spread(values: list[float]) -> Spread | None:
-    if not values:
-        return None
-    size = np.abs(values)
-    return Spread(float(np.median(size)), float(np.percentile(size, 95)), float(size.max()), float(np.median(values)))
 
 
 def _mean(values: list[float]) -> float:

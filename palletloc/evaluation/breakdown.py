@@ -1,0 +1,196 @@
+"""Errors in groups: by pallet, by stop, by track, by distance; each group with its statistics."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from palletloc.evaluation.estimate_error import EstimateError, offsets
+from palletloc.evaluation.proportion import Proportion, clopper_pearson
+from palletloc.evaluation.shot_match import ShotMatch
+from palletloc.evaluation.spread import Spread, spread
+from palletloc.evaluation.time_pairing import nearest_pairs
+
+
+@dataclass(frozen=True, slots=True)
+class Spreads:
+    """Statistics of the errors of a group; None for an empty one."""
+
+    depth: Spread | None
+    """Errors into the pallet, in metres."""
+    along: Spread | None
+    """Errors along the front, in metres."""
+    height: Spread | None
+    """Errors of the height, in metres."""
+    yaw: Spread | None
+    """Errors of the yaw, in radians."""
+    position: Spread | None
+    """Distances of the estimated from the true position, in metres; its bias is the median distance."""
+
+
+def spreads(errors: Sequence[EstimateError]) -> Spreads:
+    """Return the statistics of some errors."""
+    off = offsets(errors)
+    depth, along, height, yaw = (spread(column) for column in off.T)
+    return Spreads(depth, along, height, yaw, spread(np.linalg.norm(off[:, :3], axis=1)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrackErrors:
+    """One track over all shots."""
+
+    track: str
+    """Its name."""
+    pallets: tuple[str, ...]
+    """Ids of the pallets that it was matched with, each time that they change: one, for a track that stays."""
+    errors: tuple[EstimateError, ...]
+    """In the order of the shots."""
+    false: int
+    """In how many shots it belonged to no pallet."""
+
+
+def by_pallet(errors: Iterable[EstimateError]) -> dict[str, tuple[EstimateError, ...]]:
+    """Return the errors of each true pallet, by its id."""
+    return _grouped(errors, lambda one: one.error.face.id)
+
+
+def by_stop(
+    errors: Iterable[EstimateError], stops: Mapping[str, float], limit: float
+) -> dict[tuple[str, str], tuple[EstimateError, ...]]:
+    """Return the errors at each stop of the forklift, each pallet on its own.
+
+    Parameters
+    ----------
+    errors : iterable of EstimateError
+        Of all shots.
+    stops : mapping of str to float
+        When the forklift stood still, in seconds, by the stops' names.
+    limit : float
+        How far a shot may be from its stop's time, in seconds; it belongs to the nearest one.
+
+    Returns
+    -------
+    dict
+        By the names of stop and pallet; without the shots of no stop. What
+        `palletloc.evaluation.iso9283.stop_accuracy` takes are the `offsets` of a group.
+    """
+    errors = list(errors)
+    names = list(stops)
+    pairs = nearest_pairs(np.array([one.time for one in errors]), np.array([stops[name] for name in names]), limit)
+    groups: dict[tuple[str, str], list[EstimateError]] = {}
+    for row, stop in zip(pairs.first, pairs.second, strict=True):
+        groups.setdefault((names[stop], errors[row].error.face.id), []).append(errors[row])
+    return {key: tuple(group) for key, group in groups.items()}
+
+
+def by_track(shots: Iterable[ShotMatch]) -> tuple[TrackErrors, ...]:
+    """Return the errors of each track, in the order in which the tracks are first seen.
+
+    Parameters
+    ----------
+    shots : iterable of ShotMatch
+        In the order of time. Pallets that need not be found take part: a track does not know of them.
+
+    Returns
+    -------
+    tuple of TrackErrors
+        Estimates without a track are left out.
+    """
+    shots = list(shots)
+    names: dict[str, int] = {}
+    for shot in shots:
+        for one in (*(error.estimate for error in (*shot.errors, *shot.beyond)), *shot.false):
+            names.setdefault(one.track, 0)
+        for one in shot.false:
+            names[one.track] += 1
+    errors = _grouped((one for shot in shots for one in (*shot.errors, *shot.beyond)), lambda one: one.estimate.track)
+    return tuple(
+        TrackErrors(name, _changes(errors.get(name, ())), errors.get(name, ()), false)
+        for name, false in names.items()
+        if name
+    )
+
+
+def _changes(errors: Sequence[EstimateError]) -> tuple[str, ...]:
+    ids = [one.error.face.id for one in errors]
+    return tuple(ids[:1] + [later for earlier, later in pairwise(ids) if later != earlier])
+
+
+def _grouped(
+    errors: Iterable[EstimateError], name: Callable[[EstimateError], str]
+) -> dict[str, tuple[EstimateError, ...]]:
+    groups: dict[str, list[EstimateError]] = {}
+    for one in errors:
+        groups.setdefault(name(one), []).append(one)
+    return {key: tuple(group) for key, group in groups.items()}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DistanceBin:
+    """The pallets at some distance from the camera."""
+
+    low: float
+    """Least distance, in metres."""
+    high: float
+    """Distance that is too far already, in metres."""
+    errors: tuple[EstimateError, ...]
+    """Of the pallets that were found."""
+    found: Proportion
+    """How many of those that had to be."""
+
+
+def by_distance(shots: Iterable[ShotMatch], edges: Sequence[float]) -> tuple[DistanceBin, ...]:
+    """Return the errors by the true distance of the pallet from the camera.
+
+    Parameters
+    ----------
+    shots : iterable of ShotMatch
+        In any order.
+    edges : sequence of float
+        Increasing distances in metres; k + 1 of them give k bins. Nothing is kept outside; infinity is allowed.
+
+    Returns
+    -------
+    tuple of DistanceBin
+        The nearest first; empty ones, too.
+
+    Raises
+    ------
+    ValueError
+        If there are less than two edges or they do not increase.
+    """
+    if len(edges) < 2 or not all(low < high for low, high in pairwise(edges)):
+        raise ValueError(f"edges: expected at least two increasing distances, got {list(edges)}")
+    shots = list(shots)
+    found = [one for shot in shots for one in shot.errors]
+    missed = np.array([face.range for shot in shots for face in shot.missed])
+    return tuple(
+        _bin(low, high, found, int(((missed >= low) & (missed < high)).sum())) for low, high in pairwise(edges)
+    )
+
+
+def _bin(low: float, high: float, found: Iterable[EstimateError], missed: int) -> DistanceBin:
+    inside = tuple(one for one in found if low <= one.error.face.range < high)
+    return DistanceBin(low, high, inside, clopper_pearson(len(inside), len(inside) + missed))
+
+
+def distance_edges(step: float, farthest: float) -> list[float]:
+    """Return the edges of equally wide bins from 0 to at least the farthest distance, in metres.
+
+    Raises
+    ------
+    ValueError
+        If the step is not positive.
+
+    Examples
+    --------
+    >>> distance_edges(1.5, 4.0)
+    [0.0, 1.5, 3.0, 4.5]
+    """
+    if not step > 0:
+        raise ValueError(f"step: expected a positive distance, got {step}")
+    return [step * index for index in range(max(1, math.ceil(farthest / step)) + 1)]

@@ -8,10 +8,24 @@ import pytest
 README = (Path(__file__).resolve().parents[1] / "README.md").read_text(encoding="utf-8")
 
 
-def test_the_python_example_prints_a_line_per_pallet_and_shot(capsys: pytest.CaptureFixture[str]) -> None:
-    (example,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+EXAMPLES = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+
+
+def printed(example: str, capsys: pytest.CaptureFixture[str]) -> list[str]:
     exec(compile(example, "README.md", "exec"), {})
-    lines = capsys.readouterr().out.splitlines()
+    return capsys.readouterr().out.splitlines()
+
+
+def test_the_streaming_example_confirms_every_pallet(capsys: pytest.CaptureFixture[str]) -> None:
+    _, example = EXAMPLES
+    lines = printed(example, capsys)
+    assert len(lines) >= 2
+    assert all(re.fullmatch(r"[\d.]+ s track \d: [-\d. ]+ m, exact", line) for line in lines)
+
+
+def test_the_python_example_prints_a_line_per_pallet_and_shot(capsys: pytest.CaptureFixture[str]) -> None:
+    example, _ = EXAMPLES
+    lines = printed(example, capsys)
     assert len(lines) >= 11
     assert all(re.fullmatch(r"[\d.]+ s t11-plastic: [-\d. ]+ m, [-\d.]+ rad", line) for line in lines)
 

@@ -203,7 +203,7 @@ def _moved(tracks: Sequence[Track], motion: Motion, rules: Rules) -> list[Track]
     rivals = {i: track.rival for i, track in enumerate(tracks) if track.rival is not None}
     states = [track.state for track in tracks] + [rival.state for rival in rivals.values()]
     found = rules.engine.predicted(states, motion)
-    moved = [replace(one, state=it.state, predicted=it) for one, it in zip(tracks, found[: len(tracks)], strict=True)]
+    moved = [track.carried(one) for track, one in zip(tracks, found[: len(tracks)], strict=True)]
     for (i, rival), predicted in zip(rivals.items(), found[len(tracks) :], strict=True):
         moved[i] = replace(moved[i], rival=replace(rival, state=predicted.state))
     return moved
@@ -218,16 +218,16 @@ def _hit(track: Track, observation: Observation, pairing: Pairing, time: float, 
         ratios = (*ratios, pairing.scale * distance / dof)[-gate.adapt_over :]
     weight = huber_weight(distance, dof, gate)
     hits = track.hits + 1
-    return replace(
-        track,
-        state=rules.engine.updated(track.state, observation, pairing.scale, weight),
-        seen=time,
-        hits=hits,
-        misses=0,
+    return Track(
+        track.key,
+        track.model,
+        rules.engine.updated(track.state, observation, pairing.scale, weight),
+        time,
+        hits,
         confirmed=track.confirmed or hits >= rules.config.life.confirm_hits,
         nis=distance,
         ratios=ratios,
-        rival=None,
+        predicted=track.predicted,
     )
 
 

@@ -93,7 +93,9 @@ class DrivenPath:
                 self._legs[leg] = self._leg(leg)
         # what is before the first sample goes by the first leg
         changed = self._times[at - 1] if at > 1 else -math.inf
-        self._kept = {ends: motion for ends, motion in self._kept.items() if ends[1] <= changed}
+        # what is beyond the last sample goes by the last leg
+        again = self._times[at + 1] if at + 2 < len(self._times) else math.inf
+        self._kept = {ends: one for ends, one in self._kept.items() if ends[1] <= changed or ends[0] >= again}
         return changed
 
     def last_before(self, time: float) -> float | None:

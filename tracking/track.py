@@ -81,6 +81,22 @@ class Track:
         """(4, 4) covariance of (x, y, z, yaw), in metres and radians."""
         return self.state.covariance[POSE, POSE]
 
+    def carried(self, predicted: Prediction) -> Track:
+        """Return the track after a motion; written out, for it is done for every track at every shot."""
+        return Track(
+            self.key,
+            self.model,
+            predicted.state,
+            self.seen,
+            self.hits,
+            self.misses,
+            self.confirmed,
+            self.nis,
+            self.ratios,
+            self.rival,
+            predicted,
+        )
+
     def status(self, time: float, config: LifeConfig) -> Status:
         """Return how much it is believed at a time.
 

@@ -65,7 +65,7 @@ def test_gain_has_an_end_and_what_is_not_seen_needs_none(floor_shot: ShotView) -
     assert brightened(black, camera, mounting, nowhere) is black
 
 
-@pytest.mark.parametrize("gain", [0.25, 0.1])
+@pytest.mark.parametrize("gain", [0.25, 0.16])
 def test_pallets_are_found_in_the_dark(
     floor_localizer: Callable[..., Localizer],
     floor_shot: ShotView,

@@ -13,7 +13,7 @@ from tracking.tracker import Input
 
 SEEDS = st.integers(0, 2**32 - 1)
 FEW = settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-MANY = settings(FEW, max_examples=400)
+MANY = settings(FEW, max_examples=60)
 
 
 def pushed(inputs: Sequence[Input], batch: int = 1) -> PalletTracker:

@@ -12,9 +12,16 @@ from calibration.degeneracy import layout_fault, unobserved, weakest
 from calibration.extrinsics import Extrinsics, extra_parameter, resolve, solve
 from calibration.findings import Finding, Severity, exit_code
 from calibration.leave_one_out import LeftOut, leave_each_out, survey_test
-from calibration.network import Network, Sight, Survey
+from calibration.network import Network, Poses, Sight, Survey
 from calibration.survey_checks import axis_fault, size_faults
-from calibration.two_centres import TwoCentres, lens_distance, lens_finding
+from calibration.two_centres import (
+    LEAST_DISTANCE,
+    TwoCentres,
+    apart,
+    fit_two_centres,
+    lens_distance,
+    lens_finding,
+)
 from palletloc.cameras.protocol import CameraModel
 
 MAX_POSITION_SIGMA = 0.005
@@ -81,6 +88,9 @@ def assess(network: Network, camera: CameraModel) -> Assessment:
     findings = [*faults, *_reading_findings(consensus)]
     trusted, moved = _without_moved(consensus)
     findings += moved
+    lenses = _two_lenses(consensus.network, consensus.poses, camera) if moved else None
+    if lenses is not None:
+        return Assessment((*findings[: -len(moved)], lenses), consensus)
     fault = layout_fault(*_counted(trusted)) if moved else None
     if fault is not None:
         return Assessment((*findings, fault), consensus)
@@ -103,9 +113,29 @@ def _assess_solution(
     centres = lens_distance(solution, camera)
     value, sigma = extra_parameter(solution, solution.network.by_survey_scale())
     scale = (-value, sigma)  # the factor that the survey needs is the inverse of how much too large it is
-    findings += _scale_findings(scale) or _contradictions(solution, left_out, centres)
+    lenses = None
+    if survey_test(_as_stated(solution)) < _CHANCE:
+        lenses = _two_lenses(network, consensus.poses, camera)
+    if lenses is not None:
+        findings.append(lenses)
+    else:
+        findings += _scale_findings(scale) or _contradictions(solution, left_out, centres)
     findings += _limits(solution, left_out)
     return Assessment(tuple(findings), consensus, solution, left_out, centres, scale)
+
+
+def _as_stated(solution: Extrinsics) -> Extrinsics:
+    """Return the solution with the survey's standard deviations as stated."""
+    return resolve(solution, replace(solution.network, survey_scale=1.0))
+
+
+def _two_lenses(network: Network, start: Poses, camera: CameraModel) -> Finding | None:
+    """Return the finding that two lens centres explain what one does not, or None."""
+    if camera.period_px is None:
+        return None
+    solution, distance = fit_two_centres(network, start)
+    explained = abs(distance) > LEAST_DISTANCE and survey_test(_as_stated(solution)) > _CHANCE
+    return apart(distance) if explained else None
 
 
 def _counted(network: Network) -> tuple[list[Survey], list[Sight]]:
@@ -145,20 +175,16 @@ def _moved(name: str, distance: float) -> Finding:
 
 def _contradictions(solution: Extrinsics, left_out: Sequence[LeftOut], centres: TwoCentres | None) -> list[Finding]:
     """Return what contradicts what: one target the others, the lenses one centre, or the survey its sigma."""
-    stated = resolve(solution, replace(solution.network, survey_scale=1.0))
     lens = None if centres is None else lens_finding(centres)
     suspects = [one for one in left_out if one.probability < _CHANCE / len(left_out)]
-    if survey_test(stated) > _CHANCE:
+    if survey_test(_as_stated(solution)) > _CHANCE:
         found = [_moved(one.target, one.distance) for one in suspects[:1]]
         return found + ([lens] if lens is not None else [])
-    if lens is not None and lens.severity is Severity.FAIL and solution.survey_factor > 1:
-        return [lens]
     if suspects:
         guilty = max(suspects, key=lambda one: one.rest_probability)
         if guilty.rest_probability > _CHANCE:
-            return [_moved(guilty.target, guilty.distance)] + (
-                [lens] if lens and lens.severity is not Severity.FAIL else []
-            )
+            restricts = [] if lens is None or lens.severity is Severity.FAIL else [lens]
+            return [_moved(guilty.target, guilty.distance), *restricts]
     what = f"the survey's errors are {solution.survey_factor:.1f} times as large as sigma_m says"
     bad = solution.survey_factor > _MAX_SURVEY_FACTOR
     how = "survey the targets again" if bad else "state a larger sigma_m; the result's sigmas allow for it already"

@@ -183,6 +183,14 @@ class Network:
             rows.append((tangent / (self.sight_scale * sight.sigma[:, None])).ravel())
         return np.concatenate([*rows, np.zeros(9 * sum(self.surveyed))])
 
+    def with_lens_distance(self, distance: float, axis: FloatArray) -> Network:
+        """Return the network in which bearings start from two centres, this far apart along an axis, in metres."""
+        sights = tuple(
+            replace(sight, origins=sight.origins + np.sign(sight.bearings @ axis)[:, None] * axis * distance / 2)
+            for sight in self.sights
+        )
+        return replace(self, sights=sights)
+
     def by_survey_scale(self) -> FloatArray:
         """Return the derivatives of the residuals by a factor on all surveyed coordinates, (m,)."""
         rows = [

@@ -9,14 +9,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.extrinsics import Extrinsics, extra_parameter
+from calibration.extrinsics import Extrinsics, extra_parameter, solve
 from calibration.findings import Finding, Severity
+from calibration.network import Network, Poses
 from palletloc.cameras.protocol import CameraModel
 
 _AXIS = np.array([1.0, 0.0, 0.0])  # the front lens looks at the middle of a stitched image
 _BAND = np.radians(5.0)
-_SIGMAS, _LEAST, _USEFUL = 4.0, 0.003, 0.005
-_FEW = 0.1
+LEAST_DISTANCE = 0.003
+"""Lens centres nearer to each other than this do no harm, in metres."""
+_SIGMAS, _USEFUL = 4.0, 0.005
+_FEW, _ROUNDS = 0.1, 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +36,7 @@ class TwoCentres:
     @property
     def significant(self) -> bool:
         """Whether one centre contradicts the observations."""
-        return abs(self.distance) > max(_SIGMAS * self.sigma, _LEAST)
+        return abs(self.distance) > max(_SIGMAS * self.sigma, LEAST_DISTANCE)
 
 
 def lens_distance(solution: Extrinsics, camera: CameraModel) -> TwoCentres | None:
@@ -60,6 +63,39 @@ def lens_distance(solution: Extrinsics, camera: CameraModel) -> TwoCentres | Non
     return TwoCentres(value, sigma, front)
 
 
+def fit_two_centres(network: Network, start: Poses) -> tuple[Extrinsics, float]:
+    """Fit camera and targets with two lens centres along the camera's x axis.
+
+    Parameters
+    ----------
+    network : Network
+        The observations, as from one centre.
+    start : Poses
+        Rough values.
+
+    Returns
+    -------
+    solution : Extrinsics
+        With two centres.
+    distance : float
+        Between them, in metres.
+    """
+    distance = 0.0
+    solution = solve(network, start)
+    for _ in range(_ROUNDS):
+        step, _ = extra_parameter(solution, solution.network.by_lens_distance(solution.poses, _AXIS, _BAND))
+        distance += step
+        solution = solve(network.with_lens_distance(distance, _AXIS), solution.poses)
+    return solution, distance
+
+
+def apart(distance: float) -> Finding:
+    """Return the finding that the lens centres are this far apart, in metres."""
+    what = f"the two lenses' centres are {1000 * distance:.1f} mm apart: one centre does not describe this camera"
+    how = "use the raw shots with the camera model dual_fisheye, or targets on the shelf's side only"
+    return Finding(Severity.FAIL, "two_centres", what, how)
+
+
 def lens_finding(centres: TwoCentres) -> Finding | None:
     """Return what the test means for the use of the result, or None where one centre is confirmed."""
     if min(centres.front_share, 1 - centres.front_share) < _FEW:
@@ -67,12 +103,7 @@ def lens_finding(centres: TwoCentres) -> Finding | None:
         what = f"nearly all targets are on the {side} side of the camera: the result is valid only for this lens side"
         return Finding(Severity.WARNING, "one_lens_side", what, "hang targets before and behind the camera")
     if centres.significant:
-        what = (
-            f"the two lenses' centres are {1000 * centres.distance:.1f} mm apart"
-            f" (sigma {1000 * centres.sigma:.1f} mm): one centre does not describe this camera"
-        )
-        how = "use the raw shots with the camera model dual_fisheye, or targets on the shelf's side only"
-        return Finding(Severity.FAIL, "two_centres", what, how)
+        return apart(centres.distance)
     if centres.sigma > _USEFUL:
         what = f"the targets tell the distance of the lens centres only to {1000 * centres.sigma:.0f} mm"
         return Finding(

@@ -15,6 +15,7 @@ from calibration.targets import CharucoBoard, Pattern, Target, patterns
 _INCH, _MM = 0.0254, 0.001
 _MARGIN, _FOOT, _LEAST_WIDTH = 0.015, 0.024, 0.1
 _RULER_MM = 100
+_POINT, _LETTER = _INCH / 72, 0.56  # the width of a letter, in units of its size
 
 
 def board_pdf(target: Target) -> bytes:
@@ -47,9 +48,11 @@ def board_pdf(target: Target) -> bytes:
     axes.axis("off")
     axes.add_patch(PathPatch(_outline(pattern), facecolor="black", edgecolor="none", linewidth=0))
     _add_ruler(axes, pattern.height + margin)
-    axes.text(0, pattern.height + margin + 0.016, _title(target, pattern), size=7, va="top", parse_math=False)
+    title = _title(target, pattern)
+    size = min(7.0, (width - 2 * margin) / _POINT / (_LETTER * len(title)))
+    axes.text(0, pattern.height + margin + 0.016, title, size=size, va="top", parse_math=False)
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="pdf", metadata={"Title": _title(target, pattern), "CreationDate": None})
+    figure.savefig(buffer, format="pdf", metadata={"Title": title, "CreationDate": None})
     return buffer.getvalue()
 
 

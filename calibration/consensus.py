@@ -28,7 +28,7 @@ class Reading(StrEnum):
 
 
 _PROPER = (Reading.AS_NAMED, Reading.UPSIDE_DOWN)
-_GATE, _NEAR = 0.05, 0.5
+_GATE, _SIGMAS, _FAR = 0.05, 5.0, 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,12 +42,14 @@ class Consensus:
     readings: tuple[Reading, ...]
     """Of each target."""
     misfit: FloatArray
-    """(k,) distance between each target's corners as seen from the agreed pose and as surveyed, in metres."""
+    """(k,) distance across the line of sight between each target as surveyed and as seen, in metres."""
+    tolerance: FloatArray
+    """(k,) what is not yet a contradiction: some centimetres, more for inexact surveys and bearings."""
 
     @property
     def agrees(self) -> tuple[bool, ...]:
-        """Whether each target is where it was surveyed, within centimetres."""
-        return tuple(bool(distance < _GATE) for distance in self.misfit)
+        """Whether each target is seen where it was surveyed, roughly."""
+        return tuple((self.misfit < self.tolerance).tolist())
 
 
 def read_as(survey: Survey, reading: Reading) -> Survey:
@@ -67,7 +69,9 @@ def read_as(survey: Survey, reading: Reading) -> Survey:
 
 
 def agree(network: Network) -> Consensus | None:
-    """Find where the camera is by a vote of the targets, then by the linear equations for those that agree.
+    """Find where the camera is by a vote of the targets, then by a robust fit to what they say.
+
+    Each target alone proposes a pose, and so do the linear equations for all of them together.
 
     Parameters
     ----------
@@ -77,25 +81,65 @@ def agree(network: Network) -> Consensus | None:
     Returns
     -------
     Consensus, optional
-        None where no target alone has a pose.
+        None where nothing proposes a pose.
     """
-    own = own_poses(network.sights, len(network.surveys))
-    best, best_score, best_misfits = None, np.inf, np.zeros((0, 0))
-    for k, camera_from_board in enumerate(own):
-        for reading in _PROPER if camera_from_board is not None else ():
-            pose = read_as(network.surveys[k], reading).pose() * _inverse(camera_from_board)
-            misfits = _misfits(network.surveys, own, pose)
-            score = float(np.minimum(misfits.min(1), _NEAR).sum())
-            if score < best_score - 1e-9:
-                best, best_score, best_misfits = pose, score, misfits
-    if best is None:
+    proposals = _proposals(network)
+    if not proposals:
         return None
-    readings = tuple(_reading(row) for row in best_misfits)
-    surveys = tuple(read_as(one, how) for one, how in zip(network.surveys, readings, strict=True))
+    scores = [float(np.minimum(_misfits(network, pose).min(1), _FAR).sum()) for pose in proposals]
+    camera = proposals[int(np.argmin(scores))]
+    for _ in range(2):
+        readings = tuple(_reading(row) for row in _misfits(network, camera))
+        surveys = tuple(read_as(one, how) for one, how in zip(network.surveys, readings, strict=True))
+        camera = _refined(replace(network, surveys=surveys), camera)
     network = replace(network, surveys=surveys)
-    camera = _linear(network, best, best_misfits.min(1))
-    misfit = _misfits(surveys, own, camera)[:, 0]
-    return Consensus(network, Poses(camera, tuple(one.pose() for one in surveys)), readings, misfit)
+    misfit = _misfits(network, camera)[:, 0]
+    poses = Poses(camera, tuple(one.pose() for one in surveys))
+    tolerance = _tolerance(network, poses)
+    seen = own_poses(network.sights, len(surveys))
+    boards = [
+        camera * own if off and own is not None else pose
+        for pose, own, off in zip(poses.boards, seen, misfit >= tolerance, strict=True)
+    ]
+    return Consensus(network, Poses(camera, tuple(boards)), readings, misfit, tolerance)
+
+
+def _proposals(network: Network) -> list[RigidTransform]:
+    """Return all that may be ``forklift_from_camera``."""
+    proposals = []
+    for survey, own in zip(network.surveys, own_poses(network.sights, len(network.surveys)), strict=True):
+        if own is not None:
+            proposals += [read_as(survey, reading).pose() * own.inv() for reading in _PROPER]
+    found = pose_from_bearings(*_points_and_bearings(network)[:2]) if network.sights else None
+    return proposals if found is None else [*proposals, found.inv()]
+
+
+def _points_and_bearings(network: Network) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return all corners as surveyed, with their bearings, origins and standard deviations."""
+    poses = [survey.pose() for survey in network.surveys]
+    points = np.concatenate([poses[s.target].apply(s.points) for s in network.sights])
+    names = ("bearings", "origins", "sigma")
+    bearings, origins, sigma = (np.concatenate([getattr(s, name) for s in network.sights]) for name in names)
+    return points, bearings, origins, sigma
+
+
+def _refined(network: Network, camera: RigidTransform) -> RigidTransform:
+    """Return the camera's pose by a robust fit to the corners as surveyed, each target within its tolerance."""
+    points, bearings, origins, noise = _points_and_bearings(network)
+    distance = np.linalg.norm(points - camera.translation, axis=-1)
+    inexact = np.concatenate([np.full(len(s.points), network.surveys[s.target].sigma) for s in network.sights])
+    sigma = np.hypot(np.maximum(inexact, 0.1 * _GATE) / distance, noise)
+    return refine_pose(camera.inv(), points, bearings, origins, sigma).inv()
+
+
+def _tolerance(network: Network, poses: Poses) -> FloatArray:
+    tolerance = np.zeros(len(network.surveys))
+    for sight in network.sights:
+        survey = network.surveys[sight.target]
+        distance = float(np.linalg.norm(survey.points[0] - poses.camera.translation))
+        spread = np.hypot(survey.sigma, distance * float(np.median(sight.sigma)))
+        tolerance[sight.target] = max(tolerance[sight.target], _GATE + _SIGMAS * spread)
+    return tolerance
 
 
 def own_poses(sights: Sequence[Sight], count: int) -> list[RigidTransform | None]:
@@ -116,20 +160,16 @@ def _own_pose(sight: Sight) -> RigidTransform | None:
     return refine_pose(start, sight.points, sight.bearings, sight.origins, sight.sigma)
 
 
-def _inverse(transform: RigidTransform | None) -> RigidTransform:
-    return RigidTransform.identity() if transform is None else transform.inv()
-
-
-def _misfits(surveys: Sequence[Survey], own: Sequence[RigidTransform | None], pose: RigidTransform) -> FloatArray:
-    """Return the distances of the corners of each target for each reading, (k, 4), in metres."""
-    misfits = np.full((len(surveys), len(Reading)), np.inf)
-    for k, (survey, camera_from_board) in enumerate(zip(surveys, own, strict=True)):
-        if camera_from_board is None:
-            continue
-        seen = (pose * camera_from_board).apply(survey.outline)
+def _misfits(network: Network, camera: RigidTransform) -> FloatArray:
+    """Return how far off each target is across the line of sight, for each reading, (k, 4), in metres."""
+    misfits = np.zeros((len(network.surveys), len(Reading)))
+    for sight in network.sights:
         for i, reading in enumerate(Reading):
-            off = seen - read_as(survey, reading).points
-            misfits[k, i] = np.sqrt((off**2).sum(-1).mean())
+            pose = read_as(network.surveys[sight.target], reading).pose()
+            rays = camera.inv().apply(pose.apply(sight.points)) - sight.origins
+            off = rays - np.linalg.norm(rays, axis=-1, keepdims=True) * sight.bearings
+            distance = float(np.sqrt((off**2).sum(-1).mean()))
+            misfits[sight.target, i] = max(misfits[sight.target, i], distance)
     return misfits
 
 
@@ -137,23 +177,3 @@ def _reading(misfits: FloatArray) -> Reading:
     """Return the reading that fits; as named unless another is far better."""
     best = int(np.argmin(misfits))
     return tuple(Reading)[best if misfits[best] < 0.3 * misfits[0] else 0]
-
-
-def _linear(network: Network, voted: RigidTransform, misfit: FloatArray) -> RigidTransform:
-    """Return the pose by the linear equations for the targets that agree, or the voted one where it is better."""
-    sights = [sight for sight in network.sights if misfit[sight.target] < _NEAR]
-    if not sights:
-        return voted
-    points = np.concatenate([network.surveys[s.target].pose().apply(s.points) for s in sights])
-    bearings, origins = (np.concatenate([getattr(s, name) for s in sights]) for name in ("bearings", "origins"))
-    found = pose_from_bearings(points, bearings)
-    poses = [voted] if found is None else [voted, found.inv()]
-    return min(poses, key=lambda pose: _median_angle(pose, points, bearings, origins))
-
-
-def _median_angle(
-    forklift_from_camera: RigidTransform, points: FloatArray, bearings: FloatArray, origins: FloatArray
-) -> float:
-    rays = forklift_from_camera.inv().apply(points) - origins
-    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
-    return float(np.median(np.linalg.norm(rays - bearings, axis=-1)))

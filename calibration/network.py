@@ -159,7 +159,7 @@ class Network:
         rows[:, board_columns(sight.target)] = (by_point @ _motion(points - pose.translation)).reshape(-1, 6)
         return rows
 
-    def by_lens_distance(self, poses: Poses, axis: FloatArray, band: float) -> FloatArray:
+    def by_lens_distance(self, poses: Poses, axis: FloatArray) -> FloatArray:
         """Return the derivatives of the residuals by the distance of two lens centres along an axis, (m,).
 
         Parameters
@@ -168,13 +168,10 @@ class Network:
             Where to take them.
         axis : (3,) array
             Unit vector in the camera frame: the front lens looks along it, the back lens against it.
-        band : float
-            Within this angle of the seam between the lenses, in radians, a corner tells nothing.
         """
         rows = []
         for sight in self.sights:
-            side = sight.bearings @ axis
-            shift = np.where(np.abs(side) > np.sin(band), np.sign(side), 0.0)[:, None] * axis / 2
+            shift = np.sign(sight.bearings @ axis)[:, None] * axis / 2
             rays = poses.camera.inv().apply(poses.boards[sight.target].apply(sight.points)) - sight.origins
             distance = np.linalg.norm(rays, axis=-1)[:, None]
             units = rays / distance

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform
 
 from calibration.consensus import own_poses
 from calibration.findings import Finding, Severity
@@ -65,7 +64,7 @@ def _size_fault(survey: Survey) -> Finding | None:
 
 
 def axis_fault(network: Network) -> Finding | None:
-    """Return whether the survey fits the targets in the image only when it is mirrored, or scaled.
+    """Return whether the survey fits the targets in the image only when it is mirrored.
 
     Parameters
     ----------
@@ -78,7 +77,7 @@ def axis_fault(network: Network) -> Finding | None:
         return None
     seen = np.concatenate([pose.apply(survey.outline) for survey, pose in pairs])
     surveyed = np.concatenate([survey.points for survey, _ in pairs])
-    rigid, scale = _similarity(seen, surveyed, mirrored=False)
+    rigid, _ = _similarity(seen, surveyed, mirrored=False)
     mirror, mirror_scale = _similarity(seen, surveyed, mirrored=True)
     if mirror < _MIRROR_GAIN * rigid and abs(mirror_scale - 1) < 0.2:
         what = (
@@ -87,9 +86,6 @@ def axis_fault(network: Network) -> Finding | None:
         )
         how = "check the order and the signs of the coordinates: x forward, y left, z up"
         return Finding(Severity.FAIL, "mirrored_axes", what, how)
-    if abs(scale - 1) > 0.02 and rigid < 0.05 * np.linalg.norm(np.ptp(surveyed, axis=0)):
-        what = f"distances in the survey are {scale:.3f} times those in the image"
-        return Finding(Severity.FAIL, "scale", what, "check the units of the survey and the size of the squares")
     return None
 
 
@@ -106,11 +102,6 @@ def _similarity(source: FloatArray, target: FloatArray, *, mirrored: bool) -> tu
     rotation = left * sign @ right
     scale = float(values @ sign / (a * a).sum())
     return float(np.sqrt(((b - scale * a @ rotation.T) ** 2).sum(-1).mean())), scale
-
-
-def moved_apart(survey: Survey, seen: RigidTransform) -> float:
-    """Return how far a target's corners are from where they were surveyed, root mean square, in metres."""
-    return float(np.sqrt(((seen.apply(survey.outline) - survey.points) ** 2).sum(-1).mean()))
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
 from calibration.bearing_dlt import refine_pose
-from calibration.patches import AnyImage, sample
+from calibration.patches import AnyImage, pixel_density, sample
 from calibration.targets import Pattern, coverage
 from palletloc.cameras.protocol import CameraModel
 from palletloc.geometry import BoolArray, FloatArray, Image
@@ -123,11 +123,11 @@ def _pitch(camera: CameraModel, pattern: Pattern, pose: RigidTransform) -> float
     size = min(pattern.width, pattern.height) / 10
     middle = np.array([pattern.width, pattern.height]) / 2
     ends = middle + size * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-    pixels = _project(camera, pose, ends)
-    span = pixels[[0, 2]] - pixels[[1, 3]]
-    if camera.period_px is not None:
-        span[:, 0] -= np.round(span[:, 0] / camera.period_px) * camera.period_px
-    length = float(np.linalg.norm(span, axis=-1).min())
+    rays = pose.apply(on_board(np.concatenate([ends, middle[None]])))
+    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+    # By angles, not by pixels: at the pole of a panorama, columns tell nothing.
+    angle = float(np.linalg.norm(rays[[0, 2]] - rays[[1, 3]], axis=-1).min())
+    length = angle * float(pixel_density(camera, rays[4:])[0])
     return 2 * size / (_FINER * length) if np.isfinite(length) and length > 1 else None
 
 

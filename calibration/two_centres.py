@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.extrinsics import Extrinsics, extra_parameter, solve
+from calibration.extrinsics import Extrinsics, extra_parameter, resolve, solve
 from calibration.findings import Finding, Severity
 from calibration.network import Network, Poses
 from palletloc.cameras.protocol import CameraModel
@@ -58,8 +58,9 @@ def lens_distance(solution: Extrinsics, camera: CameraModel) -> TwoCentres | Non
         return None
     sides = np.concatenate([sight.bearings for sight in solution.network.sights]) @ _AXIS
     front = float((sides > 0).mean())
-    column = solution.network.by_lens_distance(solution.poses, _AXIS, _BAND)
-    value, sigma = extra_parameter(solution, column)
+    clear = resolve(solution, _beside_seam(solution.network))
+    column = clear.network.by_lens_distance(clear.poses, _AXIS)
+    value, sigma = extra_parameter(clear, column)
     return TwoCentres(value, sigma, front)
 
 
@@ -80,13 +81,18 @@ def fit_two_centres(network: Network, start: Poses) -> tuple[Extrinsics, float]:
     distance : float
         Between them, in metres.
     """
-    distance = 0.0
+    distance, network = 0.0, _beside_seam(network)
     solution = solve(network, start)
     for _ in range(_ROUNDS):
-        step, _ = extra_parameter(solution, solution.network.by_lens_distance(solution.poses, _AXIS, _BAND))
+        step, _ = extra_parameter(solution, solution.network.by_lens_distance(solution.poses, _AXIS))
         distance += step
         solution = solve(network.with_lens_distance(distance, _AXIS), solution.poses)
     return solution, distance
+
+
+def _beside_seam(network: Network) -> Network:
+    """Return the network without corners near the seam, where it is open which of the lenses sees them."""
+    return network.kept([np.abs(sight.bearings @ _AXIS) > np.sin(_BAND) for sight in network.sights])
 
 
 def apart(distance: float) -> Finding:

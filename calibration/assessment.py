@@ -31,6 +31,7 @@ MAX_ROTATION_SIGMA = float(np.radians(0.1))
 _CHANCE = 0.001
 _MAX_SURVEY_FACTOR, _MAX_SHIFT = 3.0, 3.0
 _SCALE_SIGMAS, _LEAST_SCALE = 4.0, 0.001
+_LENSES_EXPLAIN = 0.15
 _MAX_RESIDUAL = float(np.radians(0.05))
 
 
@@ -88,7 +89,8 @@ def assess(network: Network, camera: CameraModel) -> Assessment:
     findings = [*faults, *_reading_findings(consensus)]
     trusted, moved = _without_moved(consensus)
     findings += moved
-    lenses = _two_lenses(consensus.network, consensus.poses, camera) if moved else None
+    near = float(consensus.misfit.max()) < _LENSES_EXPLAIN
+    lenses = _two_lenses(consensus.network, consensus.poses, camera) if moved and near else None
     if lenses is not None:
         return Assessment((*findings[: -len(moved)], lenses), consensus)
     fault = layout_fault(*_counted(trusted)) if moved else None

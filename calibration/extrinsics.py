@@ -138,7 +138,7 @@ def _fit(network: Network, start: Poses, loss: Literal["linear", "soft_l1"]) -> 
     size = CAMERA * (1 + len(network.surveys))
     scale = np.tile([0.001, 0.001, 0.001, 0.0005, 0.0005, 0.0005], size // CAMERA)
     result = least_squares(
-        residuals, np.zeros(size), jacobian, loss=loss, f_scale=2.0, x_scale=scale, max_nfev=60, xtol=1e-10
+        residuals, np.zeros(size), jacobian, loss=loss, f_scale=2.0, x_scale=scale, max_nfev=40, xtol=1e-9
     )
     return start.moved(result.x)
 

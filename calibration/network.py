@@ -67,11 +67,12 @@ class Poses:
 
     def moved(self, step: FloatArray) -> Poses:
         """Return the poses after steps of translation and rotation along and about the forklift's axes."""
-        steps = step.reshape(-1, 6)
-        moved = [
-            RigidTransform.from_components(pose.translation + one[:3], Rotation.from_rotvec(one[3:]) * pose.rotation)
-            for pose, one in zip((self.camera, *self.boards), steps, strict=True)
-        ]
+        steps, poses = step.reshape(-1, 6), (self.camera, *self.boards)
+        # All at once: SciPy's transforms take long to make, one by one.
+        matrices = np.stack([pose.as_matrix() for pose in poses])
+        matrices[:, :3, :3] = Rotation.from_rotvec(steps[:, 3:]).as_matrix() @ matrices[:, :3, :3]
+        matrices[:, :3, 3] += steps[:, :3]
+        moved = [RigidTransform(matrix, normalize=False) for matrix in matrices]
         return Poses(moved[0], tuple(moved[1:]))
 
 

@@ -83,7 +83,7 @@ def polar_figure(residuals: Sequence[CornerResiduals]) -> Figure:
         "Angle off the camera's x axis (image centre). A bend or a step here is the lens or the stitching, not noise"
     )
     add_text(figure, _LEFT, 40, line, size=10.5)
-    parts = ("away", "around")
+    parts = ("away from the axis", "around the axis")
     rows = [add_axes(figure, _WIDE_LEFT, _HEAD + i * 205, WIDTH_PX - _WIDE_LEFT - _RIGHT, 180) for i in range(2)]
     colors = _colors(residuals)
     for one in residuals:
@@ -97,7 +97,7 @@ def polar_figure(residuals: Sequence[CornerResiduals]) -> Figure:
     for axes, part in zip(rows, parts, strict=True):
         axes.axhline(0.0, color=INK, linewidth=0.8)
         axes.set_xlim(0, 180)
-        axes.set_ylabel(f"{part} the axis (\N{DEGREE SIGN})")
+        axes.set_ylabel(f"{part} (\N{DEGREE SIGN})")
         axes.grid(color=GRID, linewidth=0.6)
     rows[0].set_xticklabels([])
     rows[1].set_xlabel("polar angle (\N{DEGREE SIGN})")
@@ -111,13 +111,13 @@ def correlation_figure(solution: Extrinsics) -> Figure:
     add_text(figure, _LEFT, 14, "Correlations of the six numbers", size=13, bold=True)
     line = "Near 1 or -1 two of them cannot be told apart with these targets"
     add_text(figure, _LEFT, 40, line, size=10.5)
-    axes = add_axes(figure, _LEFT, _HEAD, 560, 350)
+    axes = add_axes(figure, _LEFT, _HEAD, WIDTH_PX - _LEFT - _RIGHT, 350)
     axes.imshow(solution.correlation, cmap="RdBu_r", vmin=-1, vmax=1, aspect="auto")
     axes.set_xticks(range(6), NAMES)
     axes.set_yticks(range(6), NAMES)
     for (row, column), value in np.ndenumerate(solution.correlation):
         color = "white" if abs(value) > 0.6 else INK
-        axes.text(column, row, f"{value:.2f}", ha="center", va="center", size=9.5, color=color)
+        axes.text(column, row, f"{round(value, 2) + 0.0:.2f}", ha="center", va="center", size=9.5, color=color)
     return figure
 
 

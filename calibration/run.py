@@ -73,7 +73,8 @@ def calibrate_extrinsics(folder: Path, out: Path, on_progress: Callable[[str], N
     on_progress("writing the report")
     files = _write(out, task, report)
     reasons = [f"{f.severity}: {f.code}: {f.what}; {f.how}" for f in assessment.findings]
-    reasons += [f"{Severity.WARNING}: not_seen: target {name} is in no shot" for name in unseen]
+    if names:  # where none is seen, one reason says so
+        reasons += [f"{Severity.WARNING}: not_seen: target {name} is in no shot" for name in unseen]
     return Outcome(assessment.exit_code, tuple(_summary(report)), files, tuple(reasons))
 
 
@@ -149,7 +150,7 @@ def _summary(report: Report) -> list[RenderableType]:
         fit = ("", "") if rest is None else (f"{rest.rms_px:.3f}", f"{np.degrees(rest.rms):.4f}")
         legacy = " (legacy pattern)" if one.pattern.legacy else ""
         seen.add_row(Text(one.target + legacy), *counts, *fit)
-    return [seen, *_pose_table(report.assessment)]
+    return [seen, *_pose_table(report.assessment)] if report.observations else []
 
 
 def _pose_table(assessment: Assessment) -> list[RenderableType]:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from calibration.observations import observe
 from calibration.simulated_yard import facing
 from calibration.targets import CharucoBoard, SingleTag, charuco_pattern, patterns
 from calibration.texture_alignment import align_corners, on_board
@@ -24,12 +25,13 @@ DUAL = DualFisheye(
     ),
 )
 BOARD = CharucoBoard(5, 4, 0.1, 0.075, "DICT_4X4_50")
-DIRECTIONS = {
+DIRECTIONS: dict[str, tuple[CameraModel, tuple[float, float, float]]] = {
     "ahead": (PANORAMA, (1.0, 0.1, -0.2)),
     "seam": (PANORAMA, (-1.0, 0.15, 0.1)),
     "pole": (PANORAMA, (0.05, 0.05, -1.0)),
     "fisheye": (FISHEYE, (1.0, 0.4, 0.2)),
     "beyond 90 degrees": (FISHEYE, (-0.06, 1.0, 0.1)),
+    "far off axis": (FISHEYE, (0.1, 1.0, 0.1)),
     "front lens": (DUAL, (1.0, 0.2, -0.3)),
     "back lens": (DUAL, (-1.0, 0.3, 0.2)),
 }
@@ -73,6 +75,15 @@ def test_corners_are_exact_to_a_few_hundredths_of_a_pixel(
     cross = np.linalg.norm(np.cross(rays, aligned.bearings), axis=-1) / np.linalg.norm(rays, axis=-1)
     assert np.sqrt((cross**2).mean() / 2) < 3 * np.median(aligned.sigma)
     assert np.linalg.norm(aligned.camera_from_board.translation - pose.translation) < 0.003
+
+
+@pytest.mark.parametrize("name", ["fisheye", "far off axis", "front lens", "back lens"])
+def test_a_board_is_found_by_fisheye_lenses_too(name: str, render: Callable[..., Image]) -> None:
+    camera, direction = DIRECTIONS[name]
+    pose = hung(direction, 0.8)
+    (seen,) = observe(camera, render(camera, [(BOARD, pose)]), "a.png", {"B1": BOARD})
+    assert (seen.markers, len(seen.corners.points)) == (10, 12)
+    assert np.linalg.norm(seen.corners.camera_from_board.translation - pose.translation) < 0.002
 
 
 def test_a_tag_is_aligned_too(render: Callable[..., Image]) -> None:

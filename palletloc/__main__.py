@@ -7,6 +7,9 @@ from palletloc.cli.app import Command, run
 
 _TRACK = Command("track", "tracking.cli:track", "Follow the pallets of a recording from shot to shot.")
 _CONFIG = Command("config", "tracking.cli:config", "Print every parameter with its default.")
+_CALIBRATE = Command(
+    "calibrate", "calibration.cli:app", "Calibrate the camera's mounting on the forklift; make targets."
+)
 
 
 def _with_others() -> tuple[Command, ...]:
@@ -14,8 +17,8 @@ def _with_others() -> tuple[Command, ...]:
     commands = {command.name: command for command in OWN_COMMANDS}
     names = list(commands)
     names.insert(names.index("localize") + 1, _TRACK.name)
-    commands |= {command.name: command for command in (_TRACK, _CONFIG)}
-    return tuple(commands[name] for name in names)
+    commands |= {command.name: command for command in (_TRACK, _CONFIG, _CALIBRATE)}
+    return tuple(commands[name] for name in (*names, _CALIBRATE.name))
 
 
 COMMANDS = _with_others()

@@ -31,6 +31,18 @@ def sections(page: str, mark: str) -> dict[str, str]:
     return dict(zip(pieces[1::2], pieces[2::2], strict=True))
 
 
+def long_options(command: Command) -> set[str]:
+    """Return the long options of a command, or of all commands below it."""
+    loaded = command.load()
+    if isinstance(loaded, typer.Typer):
+        below = typer.main.get_group(loaded).commands.values()
+    else:
+        app = typer.Typer(add_completion=False)
+        app.command()(loaded)
+        below = {"": typer.main.get_command(app)}.values()
+    return {name for one in below for option in one.params for name in option.opts if name[:2] == "--"}
+
+
 def test_every_reason_has_a_section_and_no_other_has() -> None:
     assert sections(REFUSALS, "###").keys() == {str(reason) for reason in Reason}
 
@@ -67,11 +79,7 @@ def test_every_command_has_a_section_and_no_other_has() -> None:
 
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command.name)
 def test_every_option_of_a_command_is_in_its_section_and_no_other_is(command: Command) -> None:
-    loaded = command.load()
-    assert callable(loaded)
-    app = typer.Typer(add_completion=False)
-    app.command()(loaded)
-    options = {name for one in typer.main.get_command(app).params for name in one.opts if name[:2] == "--"}
+    options = long_options(command)
     rows = re.findall(r"^\| (.*?) \|", sections(CLI, "##")[f"palletloc {command.name}"], re.MULTILINE)
     assert set(re.findall(r"--[a-z]+", " ".join(rows))) == options - {"--help"}
 

@@ -1,0 +1,66 @@
+"""The commands ``palletloc calibrate ...``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.text import Text
+
+from palletloc.errors import PalletLocError
+
+app = typer.Typer(no_args_is_help=True, help="Calibrate the camera's mounting on the forklift; make targets.")
+
+
+@app.command("extrinsics")
+def extrinsics(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="With extrinsics.yaml and its shots.")],
+    out: Annotated[Path, typer.Option(metavar="YAML", help="File for camera and mounting; reports go beside it.")],
+) -> None:
+    """Find the camera's pose on the forklift from surveyed targets."""
+    from calibration.run import calibrate_extrinsics  # numpy, cv2 and matplotlib take a second
+
+    if out.suffix.lower() not in (".yaml", ".yml"):
+        raise PalletLocError(f"--out {out}: expected the name of a .yaml file")
+    progress = Console(stderr=True)
+    with progress.status("reading") as status:
+        outcome = calibrate_extrinsics(folder, out, status.update if progress.is_terminal else lambda _: None)
+    console = Console()
+    for part in outcome.summary:
+        console.print(part)
+    for path in outcome.files:
+        console.print(Text(f"written: {path}"), soft_wrap=True)
+    for line in outcome.reasons:
+        typer.echo(f"palletloc: {line}", err=True)
+    raise typer.Exit(outcome.exit_code)
+
+
+@app.command("board")
+def board(
+    out: Annotated[Path, typer.Option(metavar="PDF", help="File to write.")],
+    columns: Annotated[int, typer.Option(min=2, help="Squares side by side.")] = 7,
+    rows: Annotated[int, typer.Option(min=2, help="Squares one above the other.")] = 5,
+    square: Annotated[float, typer.Option(min=1, help="Side of a square, in millimetres.")] = 100.0,
+    marker: Annotated[float, typer.Option(min=1, help="Side of a marker, in millimetres.")] = 75.0,
+    dictionary: Annotated[str, typer.Option(help="Of the markers, as OpenCV names it.")] = "DICT_4X4_250",
+    first: Annotated[int, typer.Option(min=0, help="Id of the marker at the upper left.")] = 0,
+    tag: Annotated[bool, typer.Option("--tag", help="A single marker instead of a board.")] = False,
+) -> None:
+    """Make a printable board or tag at true scale, with a ruler to check the print."""
+    from calibration.board_pdf import board_pdf, target_yaml
+    from calibration.targets import CharucoBoard, SingleTag
+    from palletloc.io.atomic import write_bytes
+
+    if out.suffix.lower() != ".pdf":
+        raise PalletLocError(f"--out {out}: expected the name of a .pdf file")
+    target = (
+        SingleTag(marker / 1000, dictionary, first)
+        if tag
+        else CharucoBoard(columns, rows, square / 1000, marker / 1000, dictionary, first)
+    )
+    write_bytes(out, board_pdf(target))
+    console = Console()
+    console.print(Text(f"written: {out}"), soft_wrap=True)
+    console.print(Text("for extrinsics.yaml:\n" + target_yaml(target)), soft_wrap=True)

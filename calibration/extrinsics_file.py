@@ -1,0 +1,152 @@
+"""The file extrinsics.yaml: a camera, shots from a forklift that stands still, and surveyed targets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import BeforeValidator, Field
+
+from calibration.network import Survey
+from calibration.targets import CharucoBoard, SingleTag, Target, TargetError, patterns
+from calibration.texture_alignment import on_board
+from palletloc.cameras.protocol import CameraModel
+from palletloc.io.camera_spec import camera_from_spec
+from palletloc.io.reading import InputError
+from palletloc.io.schema import CameraSpec, Triple
+from palletloc.io.yaml_document import Document, DocumentError, Numbers, read_document
+
+EXTRINSICS = "extrinsics.yaml"
+"""Name of the file in its folder."""
+Positive = Annotated[float, BeforeValidator(Numbers(positive=True))]
+"""One positive number."""
+Count = Annotated[int, Field(strict=True, ge=0)]
+"""A whole number that is not negative."""
+
+
+class CharucoSpec(Document):
+    """A ChArUco board."""
+
+    columns: Annotated[int, Field(strict=True, ge=2)]
+    rows: Annotated[int, Field(strict=True, ge=2)]
+    square_m: Positive
+    marker_m: Positive
+    dictionary: str
+    first_id: Count = 0
+
+
+class TagSpec(Document):
+    """A single ArUco or AprilTag marker."""
+
+    dictionary: str
+    id: Count
+    size_m: Positive
+    """Side of the black border's outer edge."""
+
+
+class CornersSpec(Document):
+    """Surveyed corners of the printed pattern, seen from its front, in `forklift`."""
+
+    top_left: Triple
+    top_right: Triple
+    bottom_left: Triple
+
+
+class TargetSpec(Document):
+    """One target: `charuco` or `tag`, and where it is."""
+
+    charuco: CharucoSpec | None = None
+    tag: TagSpec | None = None
+    corners_m: CornersSpec
+    sigma_m: Positive
+    """Standard deviation of each surveyed coordinate."""
+
+
+class ExtrinsicsSpec(Document):
+    """The file extrinsics.yaml."""
+
+    format: Literal[1]
+    camera: CameraSpec
+    shots: Annotated[tuple[str, ...], Field(min_length=1)]
+    """Images, relative to the folder."""
+    targets: Annotated[dict[str, TargetSpec], Field(min_length=1)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExtrinsicsTask:
+    """What the file says."""
+
+    folder: Path
+    """Where it is."""
+    camera: CameraModel
+    """The camera."""
+    camera_spec: CameraSpec
+    """The same, as files have it."""
+    shots: tuple[str, ...]
+    """Images, relative to the folder."""
+    targets: dict[str, Target]
+    """By name."""
+    surveys: dict[str, Survey]
+    """By name."""
+
+
+def read_extrinsics(folder: Path) -> ExtrinsicsTask:
+    """Read and check the file extrinsics.yaml of a folder; the shots stay in their files.
+
+    Raises
+    ------
+    PalletLocError
+        If the file is missing or wrong; names file, key and what was expected.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; expected one with {EXTRINSICS} in it")
+    path = folder / EXTRINSICS
+    spec = read_document(path, ExtrinsicsSpec)
+    try:
+        camera = camera_from_spec(spec.camera)
+    except ValueError as error:
+        raise DocumentError(f"{path}: camera: {error}") from error
+    targets = {name: _target(path, name, one) for name, one in spec.targets.items()}
+    _refuse_shared_ids(path, targets)
+    surveys = {name: _survey(name, targets[name], one) for name, one in spec.targets.items()}
+    return ExtrinsicsTask(folder, camera, spec.camera, spec.shots, targets, surveys)
+
+
+def _target(path: Path, name: str, spec: TargetSpec) -> Target:
+    where = f"{path}: targets.{name}"
+    target: Target
+    match (spec.charuco, spec.tag):
+        case (CharucoSpec() as board, None):
+            target = CharucoBoard(
+                board.columns, board.rows, board.square_m, board.marker_m, board.dictionary, board.first_id
+            )
+        case (None, TagSpec() as tag):
+            target = SingleTag(tag.size_m, tag.dictionary, tag.id)
+        case _:
+            raise DocumentError(f"{where}: expected one of the keys charuco and tag")
+    try:
+        patterns(target)
+    except TargetError as error:
+        raise DocumentError(f"{where}: {error}") from error
+    return target
+
+
+def _survey(name: str, target: Target, spec: TargetSpec) -> Survey:
+    corners = spec.corners_m
+    points = np.array([corners.top_left, corners.top_right, corners.bottom_left])
+    return Survey(name, on_board(patterns(target)[0].outline), points, spec.sigma_m)
+
+
+def _refuse_shared_ids(path: Path, targets: dict[str, Target]) -> None:
+    """Raise an error where two targets have a marker in common."""
+    owners: dict[tuple[str, int], str] = {}
+    for name, target in targets.items():
+        for number in patterns(target)[0].marker_ids:
+            owner = owners.setdefault((target.dictionary, int(number)), name)
+            if owner != name:
+                raise DocumentError(
+                    f"{path}: targets.{name}: has the marker {number} of {target.dictionary}, which {owner} has too;"
+                    " expected every id once"
+                )

@@ -1,0 +1,51 @@
+"""What a calibration has to say about itself: one code, what is the case, and what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import StrEnum
+
+PASS, FAIL, DEGENERATE = 0, 1, 3
+"""Exit codes of a calibration; 2 is wrong usage."""
+
+
+class Severity(StrEnum):
+    """What follows from a finding."""
+
+    DEGENERATE = "degenerate"
+    """The data cannot give the result, however good they are: exit code 3."""
+    FAIL = "fail"
+    """The data contradict themselves or are too uncertain: exit code 1."""
+    WARNING = "warning"
+    """The result holds, with a restriction."""
+    NOTE = "note"
+    """Something was decided that the user should know."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One of them."""
+
+    severity: Severity
+    """What follows."""
+    code: str
+    """Stable name, for programs."""
+    what: str
+    """One sentence: what is the case, and where."""
+    how: str
+    """One sentence: what to do."""
+
+
+def exit_code(findings: Iterable[Finding]) -> int:
+    """Return the exit code that the findings demand.
+
+    Examples
+    --------
+    >>> exit_code([Finding(Severity.WARNING, "one_lens_side", "...", "...")])
+    0
+    """
+    severities = {finding.severity for finding in findings}
+    if Severity.DEGENERATE in severities:
+        return DEGENERATE
+    return FAIL if Severity.FAIL in severities else PASS

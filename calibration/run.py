@@ -1,0 +1,171 @@
+"""The command ``palletloc calibrate extrinsics`` from folder to files."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rich import box
+from rich.console import RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from calibration.assessment import Assessment, assess
+from calibration.degeneracy import NAMES
+from calibration.extrinsics_file import ExtrinsicsTask, read_extrinsics
+from calibration.findings import PASS, Severity
+from calibration.network import Network, Sight
+from calibration.observations import Observation, observe
+from calibration.report import Report, report_data, report_page
+from calibration.rig_file import rig_text
+from calibration.texture_alignment import on_board
+from palletloc.io.atomic import write_text
+from palletloc.io.camera_spec import angles_from_transform
+from palletloc.io.images import read_image
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a run did."""
+
+    exit_code: int
+    """Of the program."""
+    summary: tuple[RenderableType, ...]
+    """To be printed."""
+    files: tuple[Path, ...]
+    """What was written."""
+    reasons: tuple[str, ...]
+    """Why it failed, and what is restricted: one line each."""
+
+
+def calibrate_extrinsics(folder: Path, out: Path, on_progress: Callable[[str], None] = lambda _: None) -> Outcome:
+    """Calibrate from a folder and write the results.
+
+    Parameters
+    ----------
+    folder : Path
+        With extrinsics.yaml and its shots.
+    out : Path
+        The file rig.yaml; the reports get its name with other endings.
+    on_progress : callable
+        Is told what is done next.
+
+    Returns
+    -------
+    Outcome
+        A run that fails writes no rig.yaml, and its reports under names that do not exist yet.
+
+    Raises
+    ------
+    PalletLocError
+        If a file is missing or wrong, a target is there twice, or a file cannot be written.
+    """
+    task = read_extrinsics(folder)
+    observations = _observe(task, on_progress)
+    names = tuple(name for name in task.targets if any(one.target == name for one in observations))
+    on_progress("fitting")
+    assessment = assess(observed_network(task, observations, names), task.camera)
+    unseen = tuple(name for name in task.targets if name not in names)
+    report = Report(assessment, tuple(observations), names, unseen)
+    on_progress("writing the report")
+    files = _write(out, task, report)
+    reasons = [f"{f.severity}: {f.code}: {f.what}; {f.how}" for f in assessment.findings]
+    if names:  # where none is seen, one reason says so
+        reasons += [f"{Severity.WARNING}: not_seen: target {name} is in no shot" for name in unseen]
+    return Outcome(assessment.exit_code, tuple(_summary(report)), files, tuple(reasons))
+
+
+def _observe(task: ExtrinsicsTask, on_progress: Callable[[str], None]) -> list[Observation]:
+    size = (task.camera.width, task.camera.height)
+    observations = []
+    for shot in task.shots:
+        image = read_image(task.folder / shot, size, gray=True)
+        observations += observe(task.camera, image, shot, task.targets, on_progress)
+    return observations
+
+
+def observed_network(task: ExtrinsicsTask, observations: Sequence[Observation], names: Sequence[str]) -> Network:
+    """Return the equations for what was observed.
+
+    Parameters
+    ----------
+    task : ExtrinsicsTask
+        With the surveys.
+    observations : sequence of Observation
+        Targets in shots.
+    names : sequence of str
+        Of the targets that are seen, in the order that the network gets.
+    """
+    sights = tuple(
+        Sight(
+            names.index(one.target),
+            on_board(one.corners.points),
+            one.corners.bearings,
+            one.corners.origins,
+            one.corners.sigma,
+        )
+        for one in observations
+    )
+    return Network(tuple(task.surveys[name] for name in names), sights, (True,) * len(names))
+
+
+def _write(out: Path, task: ExtrinsicsTask, report: Report) -> tuple[Path, ...]:
+    solution = report.assessment.solution
+    text = json.dumps(report_data(report), indent=1, allow_nan=False) + "\n"
+    passed = report.assessment.exit_code == PASS and solution is not None
+    stem = out.with_suffix("") if passed else _free_stem(out)
+    html, numbers = stem.with_name(stem.name + ".html"), stem.with_name(stem.name + ".json")
+    write_text(html, report_page(report))
+    write_text(numbers, text)
+    if not passed or solution is None:
+        return html, numbers
+    write_text(out, rig_text(task.camera_spec, solution.mounting))
+    return out, html, numbers
+
+
+def _free_stem(out: Path) -> Path:
+    """Return a name for the reports of a failed run under which there is nothing yet."""
+    stem = out.with_suffix("")
+    for number in range(1, 10_000):
+        free = stem.with_name(f"{stem.name}.failed" + (f"-{number}" if number > 1 else ""))
+        if not any(free.with_name(free.name + end).exists() for end in (".html", ".json")):
+            return free
+    return stem.with_name(f"{stem.name}.failed")
+
+
+def _summary(report: Report) -> list[RenderableType]:
+    seen = Table(box=box.SIMPLE_HEAD)
+    for name in ("target", "markers", "corners", "rms px", "rms \N{DEGREE SIGN}"):
+        seen.add_column(name, justify="left" if name == "target" else "right")
+    residuals = {(one.target, one.shot): one for one in report.residuals()}
+    for one in report.observations:
+        rest = residuals.get((one.target, one.shot))
+        counts = (
+            f"{one.markers}/{len(one.pattern.marker_ids)}",
+            f"{len(one.corners.points)}/{len(one.pattern.corners)}",
+        )
+        fit = ("", "") if rest is None else (f"{rest.rms_px:.3f}", f"{np.degrees(rest.rms):.4f}")
+        legacy = " (legacy pattern)" if one.pattern.legacy else ""
+        seen.add_row(Text(one.target + legacy), *counts, *fit)
+    return [seen, *_pose_table(report.assessment)] if report.observations else []
+
+
+def _pose_table(assessment: Assessment) -> list[RenderableType]:
+    solution = assessment.solution
+    if solution is None:
+        return []
+    translation, angles = angles_from_transform(solution.poses.camera)
+    table = Table(box=box.SIMPLE_HEAD)
+    for name in ("", "forklift_from_camera", "sigma", "most without one target"):
+        table.add_column(name, justify="right")
+    most = np.abs([one.shift_in_sigma for one in assessment.left_out]).max(0) if assessment.left_out else np.zeros(6)
+    for i, name in enumerate(NAMES):
+        value = f"{translation[i]:.4f} m" if i < 3 else f"{angles[i - 3]:.3f} \N{DEGREE SIGN}"
+        sigma = (
+            f"{1000 * solution.sigma[i]:.2f} mm" if i < 3 else f"{np.degrees(solution.sigma[i]):.4f} \N{DEGREE SIGN}"
+        )
+        table.add_row(name, value, sigma, f"{most[i]:.1f} sigma")
+    return [table]

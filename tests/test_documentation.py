@@ -14,9 +14,10 @@ from palletloc.__main__ import COMMANDS
 from palletloc.cli.app import Command
 from palletloc.config import LocalizerConfig, Method
 from palletloc.io.config_file import read_config
+from palletloc.io.tracks import TRACK_COLUMNS
 from palletloc.measurement import Reason, Stage
 from tracking.events import EventKind
-from tracking.files import EVENT_COLUMNS, TRACK_COLUMNS
+from tracking.files import EVENT_COLUMNS
 from tracking.parameters import read_tracker_config
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"

@@ -70,22 +70,30 @@ def evaluate(
     requirement_mm: Annotated[
         float, typer.Option(metavar="MM", help="Largest error of depth, along and height that is allowed.")
     ] = 20.0,
+    no_pictures: Annotated[
+        bool, typer.Option("--no-pictures", help="Leave the images of the worst shots out of the report.")
+    ] = False,
 ) -> None:
     """Hold measured poses against the truth of a recording.
 
-    Writes metrics.json and errors.csv.
+    Writes metrics.json, errors.csv and report.html.
     """
     settings = _settings(max_range, pair, pair_limit, stop_limit, requirement_yaw_deg, requirement_mm)
     truth = read_recording_truth(recording)
     runs = [evaluate_run(truth, files, settings) for files in _read_runs(estimate, truth.recording)]
     text = metrics_text(metrics_document(truth, runs, settings))
+    with Console(stderr=True).status("Drawing"):
+        from palletloc.report.evaluation_page import REPORT, evaluation_page  # drawing is slow to import
+
+        page = evaluation_page(truth, runs, settings, with_pictures=not no_pictures)
     write_errors(out / ERRORS, runs, "survey" if truth.path is None else "path")
     write_text(out / METRICS, text)
+    write_text(out / REPORT, page)
     console = Console()
     console.print(_table(runs))
     for line in _remarks(runs):
         console.print(Text(line), soft_wrap=True)
-    console.print(Text(f"results: {out}"), soft_wrap=True)
+    console.print(Text(f"look at {out / REPORT}"), soft_wrap=True)
 
 
 def _settings(

@@ -31,6 +31,7 @@ from palletloc.evaluation.recording_truth import read_recording_truth
 from palletloc.evaluation.requirement import Requirement
 from palletloc.evaluation.run_files import RunFiles, read_run
 from palletloc.evaluation.run_match import NEAREST_LIMIT
+from palletloc.evaluation.side_by_side import ComparedRuns, side_by_side
 from palletloc.evaluation.time_pairing import TimeRule
 from palletloc.io.atomic import write_text
 from palletloc.io.recording import Recording
@@ -81,16 +82,19 @@ def evaluate(
     settings = _settings(max_range, pair, pair_limit, stop_limit, requirement_yaw_deg, requirement_mm)
     truth = read_recording_truth(recording)
     runs = [evaluate_run(truth, files, settings) for files in _read_runs(estimate, truth.recording)]
-    text = metrics_text(metrics_document(truth, runs, settings))
+    compared = side_by_side(runs)
+    text = metrics_text(metrics_document(truth, runs, settings, compared))
     with Console(stderr=True).status("Drawing"):
         from palletloc.report.evaluation_page import REPORT, evaluation_page  # drawing is slow to import
 
-        page = evaluation_page(truth, runs, settings, with_pictures=not no_pictures)
+        page = evaluation_page(truth, runs, settings, compared, with_pictures=not no_pictures)
     write_errors(out / ERRORS, runs, "survey" if truth.path is None else "path")
     write_text(out / METRICS, text)
     write_text(out / REPORT, page)
     console = Console()
     console.print(_table(runs))
+    if compared:
+        console.print(_compared(compared))
     for line in _remarks(runs):
         console.print(Text(line), soft_wrap=True)
     console.print(Text(f"look at {out / REPORT}"), soft_wrap=True)
@@ -162,6 +166,27 @@ def _rows(source: EvaluatedSource) -> Iterator[list[str]]:
     yield ["together", "", "", "", _counted(together.proportion), str(together.verdict).replace("_", " ")]
     found = source.detection
     yield ["found", "", "", "", _counted(found.found), f"{found.false} false"]
+
+
+def _compared(compared: Sequence[ComparedRuns]) -> Table:
+    title = f"change of the mean absolute error against {compared[0].first}, with its interval"
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), title=title, title_justify="left")
+    table.add_column("run")
+    table.add_column("source", no_wrap=True)
+    table.add_column("", no_wrap=True)
+    for heading in ("change", "from", "to", "better", "worse"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for one in compared:
+        for number, (title, column, scale, digits) in enumerate(_QUANTITIES):
+            difference = one.comparison.differences.get(COMPONENTS[column])
+            if difference is not None:
+                ends = (difference.mean, difference.low, difference.high)
+                cells = [f"{scale * value:+.{digits + 1}f}" for value in ends]
+                names = ("", "") if number else (one.second, one.source)
+                table.add_row(
+                    Text(names[0]), names[1], title, *cells, str(difference.smaller), str(difference.larger)
+                )
+    return table
 
 
 def _counted(one: Proportion) -> str:

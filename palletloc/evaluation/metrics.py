@@ -13,10 +13,12 @@ from palletloc.evaluation.breakdown import Spreads, by_distance, by_pallet, by_t
 from palletloc.evaluation.consistency import chi_square_check
 from palletloc.evaluation.estimate_error import COMPONENTS, EstimateError
 from palletloc.evaluation.evaluated_run import EvaluatedRun, EvaluatedSource, Settings, StopErrors
+from palletloc.evaluation.paired_comparison import Difference
 from palletloc.evaluation.proportion import Proportion
 from palletloc.evaluation.recording_truth import RecordingTruth
 from palletloc.evaluation.requirement import Requirement, RequirementCheck
 from palletloc.evaluation.shot_match import Detection
+from palletloc.evaluation.side_by_side import RESAMPLES, SEED, ComparedRuns
 from palletloc.evaluation.spread import Spread
 
 FORMAT = 1
@@ -27,7 +29,12 @@ Document = dict[str, Any]
 """What JSON can hold."""
 
 
-def metrics_document(truth: RecordingTruth, runs: Sequence[EvaluatedRun], settings: Settings) -> Document:
+def metrics_document(
+    truth: RecordingTruth,
+    runs: Sequence[EvaluatedRun],
+    settings: Settings,
+    compared: Sequence[ComparedRuns] = (),
+) -> Document:
     """Return the document about the runs over one recording.
 
     Parameters
@@ -38,6 +45,8 @@ def metrics_document(truth: RecordingTruth, runs: Sequence[EvaluatedRun], settin
         At least one.
     settings : Settings
         With which they were evaluated.
+    compared : sequence of ComparedRuns
+        The runs side by side.
 
     Returns
     -------
@@ -63,7 +72,34 @@ def metrics_document(truth: RecordingTruth, runs: Sequence[EvaluatedRun], settin
             }
             for run in runs
         ],
+        "comparisons": [_comparison(one) for one in compared],
     }
+
+
+def _comparison(one: ComparedRuns) -> Document:
+    compared = one.comparison
+    scales = {f"{name}_m": (name, 1.0) for name in COMPONENTS[:3]} | {"yaw_deg": ("yaw", math.degrees(1.0))}
+    return {
+        "first": one.first,
+        "second": one.second,
+        "source": one.source,
+        "views": compared.views,
+        "shots": compared.shots,
+        "only_first": len(compared.only_first),
+        "only_second": len(compared.only_second),
+        "confidence": compared.confidence,
+        "resamples": RESAMPLES,
+        "seed": SEED,
+        "differences": {
+            key: None if name not in compared.differences else _difference(compared.differences[name], scale)
+            for key, (name, scale) in scales.items()
+        },
+    }
+
+
+def _difference(one: Difference, scale: float) -> Document:
+    numbers = {"mean": scale * one.mean, "low": scale * one.low, "high": scale * one.high}
+    return numbers | {"smaller": one.smaller, "larger": one.larger}
 
 
 def metrics_text(document: Mapping[str, Any]) -> str:

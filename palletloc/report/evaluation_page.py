@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
-import base64
 import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from palletloc.drawing.canvas import small_png
-from palletloc.evaluation.breakdown import by_distance, by_pallet, distance_edges
 from palletloc.evaluation.consistency import chi_square_check
-from palletloc.evaluation.estimate_error import EstimateError
 from palletloc.evaluation.evaluated_run import EvaluatedRun, EvaluatedSource, Settings
 from palletloc.evaluation.recording_truth import RecordingTruth
 from palletloc.evaluation.requirement import RequirementCheck, Verdict
+from palletloc.evaluation.side_by_side import ComparedRuns
 from palletloc.evaluation.time_pairing import TimeRule
 from palletloc.report.aisle_figure import aisle_figure
 from palletloc.report.approach_figure import approach_figure
 from palletloc.report.error_spread_figure import distance_figure, histogram_figure
-from palletloc.report.page import Column, heading, key_figures, page, paragraph, picture, table
+from palletloc.report.evaluation_tables import (
+    GROUPS,
+    STOPS,
+    comparison_parts,
+    distance_rows,
+    pallet_rows,
+    stop_rows,
+)
+from palletloc.report.page import Column, embedded, heading, key_figures, page, paragraph, picture, table
 from palletloc.report.source_style import QUANTITIES, STYLES
 from palletloc.report.worst_shots import WorstShot, worst_shots
 
@@ -34,7 +40,12 @@ _VERDICTS = {
 
 
 def evaluation_page(
-    truth: RecordingTruth, runs: Sequence[EvaluatedRun], settings: Settings, *, with_pictures: bool = True
+    truth: RecordingTruth,
+    runs: Sequence[EvaluatedRun],
+    settings: Settings,
+    compared: Sequence[ComparedRuns] = (),
+    *,
+    with_pictures: bool = True,
 ) -> str:
     """Return the page.
 
@@ -46,11 +57,15 @@ def evaluation_page(
         Over it, at least one.
     settings : Settings
         With which they were evaluated.
+    compared : sequence of ComparedRuns
+        The runs side by side.
     with_pictures : bool
         Whether to show the images of the worst shots.
     """
     name = truth.recording.folder.resolve().name
     parts = [heading(f"{name}: measured against the truth", level=1), *_setting(truth, runs[0], settings)]
+    if compared:
+        parts += comparison_parts(compared)
     for run in runs:
         parts += _run(truth, run, settings, with_pictures=with_pictures)
     return page(f"{name}: evaluation", parts)
@@ -93,30 +108,26 @@ def _run(truth: RecordingTruth, run: EvaluatedRun, settings: Settings, *, with_p
         yield from _verdict(STYLES[name].label, source)
     yield table(_SUMMARY, (row for name, source in run.sources.items() for row in _summary(name, source)))
     caption = "Errors of yaw and distance over the approach, as the method's paper shows them, pallet by pallet."
-    yield picture(_embedded(small_png(approach_figure(run, settings.requirement))), caption, keep_wide=True)
+    yield picture(embedded(small_png(approach_figure(run, settings.requirement))), caption, keep_wide=True)
     caption = "How the errors are spread."
-    yield picture(_embedded(small_png(histogram_figure(run, settings.requirement))), caption, keep_wide=True)
+    yield picture(embedded(small_png(histogram_figure(run, settings.requirement))), caption, keep_wide=True)
     caption = "Errors against the pallet's true distance from the camera."
-    yield picture(_embedded(small_png(distance_figure(run, settings))), caption, keep_wide=True)
+    yield picture(embedded(small_png(distance_figure(run, settings))), caption, keep_wide=True)
     caption = "The aisle from above: true pallets, estimates of all shots, and the forklift's true path."
-    yield picture(_embedded(small_png(aisle_figure(truth, run))), caption, keep_wide=True)
+    yield picture(embedded(small_png(aisle_figure(truth, run))), caption, keep_wide=True)
     yield heading("By distance", level=3)
     yield paragraph("Median and 95 % of the absolute errors.")
-    yield table(_GROUPS, _distance_rows(run, settings))
+    yield table(GROUPS, distance_rows(run, settings))
     yield heading("By pallet", level=3)
-    yield table(_GROUPS, _pallet_rows(run))
+    yield table(GROUPS, pallet_rows(run))
     if any(source.stops for source in run.sources.values()):
         yield heading("At the surveyed stops", level=3)
         yield paragraph(
             "Accuracy AP and repeatability RP in the terms of ISO 9283, against the survey; with a single shot at a"
             " stop there is no repeatability. The last columns are the survey's own standard deviations."
         )
-        yield table(_STOPS, _stop_rows(run))
+        yield table(STOPS, stop_rows(run))
     yield from _worst(worst_shots(run, truth.recording, settings.requirement, with_pictures=with_pictures))
-
-
-def _embedded(content: bytes, kind: str = "png") -> str:
-    return f"data:image/{kind};base64,{base64.b64encode(content).decode('ascii')}"
 
 
 def _verdict(label: str, source: EvaluatedSource) -> Iterator[str]:
@@ -165,72 +176,6 @@ def _summary(name: str, source: EvaluatedSource) -> Iterator[list[str]]:
         yield [label, f"{quantity.label}, {quantity.unit}", *numbers, counted, str(one.verdict).replace("_", " ")]
 
 
-_GROUPS = (
-    Column("source", is_text=True),
-    Column("", is_text=True),
-    Column("found"),
-    *(Column(f"{one.label} {one.unit}") for one in QUANTITIES),
-)
-
-
-def _group(errors: Sequence[EstimateError]) -> list[str]:
-    """Return the median and the 95 % of each quantity."""
-    cells = []
-    for quantity in QUANTITIES:
-        sizes = np.abs(quantity.values(errors))
-        digits = 2 if quantity.unit == _DEGREE else 1
-        numbers = (np.median(sizes), np.percentile(sizes, 95)) if len(sizes) else ()
-        cells.append(" / ".join(f"{value:.{digits}f}" for value in numbers) or "\N{EN DASH}")
-    return cells
-
-
-def _distance_rows(run: EvaluatedRun, settings: Settings) -> Iterator[list[str]]:
-    edges = distance_edges(settings.bin_width, settings.sight.max_range)
-    for name, source in run.sources.items():
-        for one in by_distance(source.shots, edges):
-            if one.found.trials:
-                where = f"{one.low:g} to {one.high:g} m"
-                counted = f"{one.found.successes} of {one.found.trials}"
-                yield [STYLES[name].label, where, counted, *_group(one.errors)]
-
-
-def _pallet_rows(run: EvaluatedRun) -> Iterator[list[str]]:
-    for name, source in run.sources.items():
-        groups = by_pallet(source.errors)
-        missed = [face.id for shot in source.shots for face in shot.missed]
-        for pallet in sorted({*groups, *missed}):
-            errors = groups.get(pallet, ())
-            counted = f"{len(errors)} of {len(errors) + missed.count(pallet)}"
-            yield [STYLES[name].label, pallet, counted, *_group(errors)]
-
-
-_STOPS = (
-    Column("source", is_text=True),
-    Column("stop", is_text=True),
-    Column("pallet", is_text=True),
-    *(Column(name) for name in ("shots", "AP mm", "RP mm", f"AP yaw {_DEGREE}", f"RP yaw {_DEGREE}")),
-    *(Column(f"{_SIGMA} {name}") for name in ("depth mm", "along mm", f"yaw {_DEGREE}")),
-)
-
-
-def _stop_rows(run: EvaluatedRun) -> Iterator[list[str]]:
-    for name, source in run.sources.items():
-        for stop in source.stops:
-            one, covariance = stop.accuracy, stop.errors[0].truth_covariance
-            sigma = np.zeros(4) if covariance is None else np.sqrt(np.diag(covariance))
-            yield [
-                *(STYLES[name].label, stop.stop, stop.pallet, str(one.n), f"{1000 * one.ap:.1f}"),
-                _known(1000 * one.rp, 1),
-                f"{math.degrees(one.ap_yaw):.2f}",
-                _known(math.degrees(one.rp_yaw), 2),
-                *(f"{1000 * sigma[0]:.1f}", f"{1000 * sigma[1]:.1f}", f"{math.degrees(sigma[3]):.2f}"),
-            ]
-
-
-def _known(value: float, digits: int) -> str:
-    return f"{value:.{digits}f}" if math.isfinite(value) else "\N{EN DASH}"
-
-
 def _worst(shots: Sequence[WorstShot]) -> Iterator[str]:
     if not shots:
         return
@@ -246,6 +191,6 @@ def _worst(shots: Sequence[WorstShot]) -> Iterator[str]:
         face = one.error.error.face
         text = f"{one.file}, pallet {face.id}, {face.range:.2f} m away: {cells}; {one.share:.2f} of what is allowed."
         if one.picture:
-            yield picture(_embedded(one.picture, "jpeg"), text)
+            yield picture(embedded(one.picture, "jpeg"), text)
         else:
             yield paragraph(text + (f" No picture: {one.problem}." if one.problem else ""))

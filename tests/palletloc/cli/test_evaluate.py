@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import shutil
 from collections.abc import Callable
 from importlib.resources import files
@@ -217,3 +218,53 @@ def test_numbers_that_are_none_become_null(tmp_path: Path) -> None:
     assert source["errors"]["yaw_deg"] is None
     assert source["detection"]["recall"]["share"] is None
     assert source["requirement"]["verdict"] == "undecided"
+
+
+def test_runs_are_compared_with_the_first_shot_by_shot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folders = [write_run(tmp_path / name, depth) for name, depth in (("one", 0.004), ("two", -0.001))]
+    lines = (folders[1] / "measurements.csv").read_text().splitlines()
+    (folders[1] / "measurements.csv").write_text("\n".join(lines[:-1]) + "\n")
+    options = [part for folder in folders for part in ("--estimate", folder)]
+    assert evaluate(SAMPLE, tmp_path / "out", *options, "--max-range", "50", "--no-pictures") == 0
+    (compared,) = read_metrics(tmp_path / "out")["comparisons"]
+    assert (compared["first"], compared["second"], compared["source"]) == ("one", "two", "measurements")
+    first, second = (
+        one["sources"]["measurements"]["errors"]["depth_m"]["n"] for one in read_metrics(tmp_path / "out")["runs"]
+    )
+    assert (compared["views"], compared["only_first"], compared["only_second"]) == (second, first - second, 0)
+    depth = compared["differences"]["depth_m"]
+    assert [depth[key] for key in ("mean", "low", "high")] == pytest.approx([-0.003] * 3, abs=3e-6)
+    assert (depth["smaller"], depth["larger"]) == (second, 0)
+    assert "Runs side by side" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "against one" in capsys.readouterr().out
+    again = (tmp_path / "out" / "metrics.json").read_bytes()
+    assert evaluate(SAMPLE, tmp_path / "out", *options, "--max-range", "50", "--no-pictures") == 0
+    assert (tmp_path / "out" / "metrics.json").read_bytes() == again
+
+
+def test_folders_of_one_name_are_told_apart(tmp_path: Path) -> None:
+    folders = [write_run(tmp_path / name / "out") for name in ("a", "b")]
+    options = [part for folder in folders for part in ("--estimate", folder)]
+    assert evaluate(SAMPLE, tmp_path / "results", *options, "--no-pictures") == 0
+    names = [one["name"] for one in read_metrics(tmp_path / "results")["runs"]]
+    assert names == [str(folder) for folder in folders]
+
+
+def keys_of(document: Any) -> set[str]:
+    """Return every key at any depth; those of the pallets are names, not keys."""
+    if isinstance(document, list):
+        return {key for one in document for key in keys_of(one)}
+    if not isinstance(document, dict):
+        return set()
+    below = {key for name, one in document.items() if name != "pallets" for key in keys_of(one)}
+    return {*document, *below}
+
+
+def test_every_key_of_the_metrics_is_documented(tmp_path: Path) -> None:
+    folders = [with_tracks(write_run(tmp_path / name)) for name in ("one", "two")]
+    options = [part for folder in folders for part in ("--estimate", folder)]
+    assert evaluate(SAMPLE, tmp_path / "out", *options, "--no-pictures") == 0
+    page = (Path(__file__).parents[3] / "docs" / "evaluation.md").read_text(encoding="utf-8")
+    section = page.partition("## metrics.json")[2]
+    told = {word for cell in re.findall(r"`([\w.]+)`", section) for word in cell.split(".")}
+    assert keys_of(read_metrics(tmp_path / "out")) - told == set()

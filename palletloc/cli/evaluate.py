@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from palletloc.cli.evaluate_batch import evaluate_batch
 from palletloc.errors import PalletLocError
 from palletloc.evaluation.error_table import ERRORS, write_errors
 from palletloc.evaluation.errors import Sight
@@ -46,14 +47,27 @@ _QUANTITIES = (
 
 
 def evaluate(
-    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="Folder of the recording, with its truth.")],
     estimate: Annotated[
         list[Path],
         typer.Option(
-            metavar="DIR", help="Folder of a run: measurements.csv and, if there, tracks.csv; may be repeated."
+            metavar="DIR",
+            help="Folder of a run: measurements.csv and, if there, tracks.csv; may be repeated."
+            " With --batch relative to each recording.",
         ),
     ],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results; made if missing.")],
+    recording: Annotated[
+        Path | None, typer.Argument(metavar="[RECORDING]", help="Folder of the recording, with its truth.")
+    ] = None,
+    batch: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Evaluate every recording in this folder, in parallel.")
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(metavar="N", min=1, help="With --batch: how many processes to start.")
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="With --batch: use this Dask scheduler instead.")
+    ] = None,
     max_range: Annotated[
         float, typer.Option(metavar="M", help="Farthest pallet that has to be found, in metres.")
     ] = Sight().max_range,
@@ -80,6 +94,33 @@ def evaluate(
     Writes metrics.json, errors.csv and report.html.
     """
     settings = _settings(max_range, pair, pair_limit, stop_limit, requirement_yaw_deg, requirement_mm)
+    if batch is not None and recording is None:
+        _check_batch(estimate, workers, scheduler)
+        evaluate_batch(batch, [str(one) for one in estimate], out, settings, workers, scheduler)
+    elif recording is None or batch is not None:
+        raise typer.BadParameter("expected either RECORDING or --batch DIR", param_hint="RECORDING")
+    elif workers is not None or scheduler is not None:
+        raise typer.BadParameter("go with --batch DIR only", param_hint="--workers, --scheduler")
+    else:
+        _evaluate_one(recording, estimate, out, settings, with_pictures=not no_pictures)
+
+
+def _check_batch(estimates: Sequence[Path], workers: int | None, scheduler: str | None) -> None:
+    if workers is not None and scheduler is not None:
+        raise typer.BadParameter("a scheduler has its own workers; expected one of them", param_hint="--workers")
+    for one in estimates:
+        if one.is_absolute():
+            raise typer.BadParameter(
+                f"with --batch expected a name in each recording, got {one}", param_hint="--estimate"
+            )
+    if len(set(estimates)) < len(estimates):
+        raise PalletLocError("--estimate: a run is given twice; expected different runs")
+
+
+def _evaluate_one(
+    recording: Path, estimate: Sequence[Path], out: Path, settings: Settings, *, with_pictures: bool
+) -> None:
+    """Evaluate the runs over one recording, write the results and print the tables."""
     truth = read_recording_truth(recording)
     runs = [evaluate_run(truth, files, settings) for files in _read_runs(estimate, truth.recording)]
     compared = side_by_side(runs)
@@ -87,7 +128,7 @@ def evaluate(
     with Console(stderr=True).status("Drawing"):
         from palletloc.report.evaluation_page import REPORT, evaluation_page  # drawing is slow to import
 
-        page = evaluation_page(truth, runs, settings, compared, with_pictures=not no_pictures)
+        page = evaluation_page(truth, runs, settings, compared, with_pictures=with_pictures)
     write_errors(out / ERRORS, runs, "survey" if truth.path is None else "path")
     write_text(out / METRICS, text)
     write_text(out / REPORT, page)

@@ -13,10 +13,12 @@ import yaml
 from palletloc.__main__ import COMMANDS
 from palletloc.cli.app import Command
 from palletloc.config import LocalizerConfig, Method
+from palletloc.evaluation.error_table import ERROR_COLUMNS
 from palletloc.io.config_file import read_config
+from palletloc.io.tracks import TRACK_COLUMNS
 from palletloc.measurement import Reason, Stage
 from tracking.events import EventKind
-from tracking.files import EVENT_COLUMNS, TRACK_COLUMNS
+from tracking.files import EVENT_COLUMNS
 from tracking.parameters import read_tracker_config
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
@@ -81,7 +83,7 @@ def test_every_command_has_a_section_and_no_other_has() -> None:
 def test_every_option_of_a_command_is_in_its_section_and_no_other_is(command: Command) -> None:
     options = long_options(command)
     rows = re.findall(r"^\| (.*?) \|", sections(CLI, "##")[f"palletloc {command.name}"], re.MULTILINE)
-    assert set(re.findall(r"--[a-z]+", " ".join(rows))) == options - {"--help"}
+    assert set(re.findall(r"--[a-z]+(?:-[a-z]+)*", " ".join(rows))) == options - {"--help"}
 
 
 def test_every_method_is_named() -> None:
@@ -100,14 +102,14 @@ def test_the_example_of_a_file_of_parameters_can_be_read(tmp_path: Path) -> None
     assert hits == yaml.safe_load(example)["tracker"]["life"]["confirm_hits"]
 
 
-@pytest.mark.parametrize("columns", [TRACK_COLUMNS, EVENT_COLUMNS], ids=["tracks", "events"])
+@pytest.mark.parametrize("columns", [TRACK_COLUMNS, EVENT_COLUMNS, ERROR_COLUMNS], ids=["tracks", "events", "errors"])
 def test_the_columns_of_a_table_are_listed(columns: tuple[str, ...]) -> None:
     assert f"`{','.join(columns)}`" in (DOCS / "files.md").read_text(encoding="utf-8").splitlines()
 
 
 def test_every_event_is_explained() -> None:
     (section,) = re.findall(
-        r"^### events.csv\n(.*?)^## ", (DOCS / "files.md").read_text(encoding="utf-8"), re.M | re.S
+        r"^### events.csv\n(.*?)^##", (DOCS / "files.md").read_text(encoding="utf-8"), re.M | re.S
     )
     _, rows = section.split("| `event` | means |")
     explained = [cell for row in rows.splitlines() for cell in re.findall(r"`(\w+)`", row.rpartition(" | ")[0])]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from palletloc.track_status import Status
 from tracking.answers import Knowledge, TrackState
 from tracking.config import TrackerConfig
 from tracking.events import Event, EventKind
@@ -13,7 +14,6 @@ from tracking.odometry import Odometry, OdometryNoise, OdometrySource
 from tracking.odometry_errors import OdometryErrors
 from tracking.shot_taken import ShotTaken
 from tracking.snapshot import SnapshotError
-from tracking.track import Status
 from tracking.tracker import PalletTracker
 
 __all__ = [

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from palletloc.geometry import FloatArray, LevelPose
+from palletloc.track_status import Status
 from tracking.belief import Belief, Rules
 from tracking.path import DrivenPath
-from tracking.track import Key, Status, Track
+from tracking.track import Key, Track
 
 
 class Knowledge(StrEnum):

@@ -21,15 +21,16 @@ from palletloc.config import LocalizerConfig, Method
 from palletloc.io.config_file import format_config, read_config
 from palletloc.io.recording import Recording, read_recording
 from palletloc.io.run_folder import MEASUREMENTS, Run, RunFolder
+from palletloc.io.tracks import TrackRow
 from palletloc.io.truth import Truth, read_truth
 from palletloc.measurement import PalletMeasurement
 from palletloc.offline import read_job
+from palletloc.track_status import Status
 from tracking.config import TrackerConfig
 from tracking.events import Event, EventKind
-from tracking.files import TrackRow, remove_run
+from tracking.files import remove_run
 from tracking.offline import TrackedRecording, read_measured, track_recording, write_run
 from tracking.parameters import format_tracker_config, read_tracker_config
-from tracking.track import Status
 
 _ONLY_WITH_IMAGES = ("method", "strict", "resume", "verbose")
 

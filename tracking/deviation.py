@@ -11,12 +11,12 @@ import numpy as np
 
 from palletloc.evaluation.errors import PAIRING_DISTANCE
 from palletloc.geometry import FloatArray, LevelPose, level_pose, wrap_angle
+from palletloc.io.tracks import TrackRow
 from palletloc.io.truth import TruePallet, Truth
 from palletloc.measurement import PalletMeasurement
+from palletloc.track_status import Status
 from palletloc.trajectory import TrajectoryError
-from tracking.files import TrackRow
 from tracking.offline import TrackedRecording, odometry_at
-from tracking.track import Status
 
 Reference = Callable[[float], LevelPose | None]
 """Where a pallet is held to be at a time: ``forklift_from_pallet``, or None where that is not known."""

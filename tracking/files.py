@@ -10,128 +10,36 @@ from pathlib import Path
 
 import numpy as np
 
-from palletloc.geometry import FloatArray, LevelPose
+from palletloc.geometry import LevelPose
 from palletloc.io.atomic import cannot_write, write_text
 from palletloc.io.csv_table import Row, format_number, read_rows, write_rows
-from palletloc.io.measurements import (
-    COVARIANCE_COLUMNS,
-    POSE_COLUMNS,
-    format_time,
-    pose_cells,
-    read_covariance,
-    read_pose,
-)
+from palletloc.io.measurements import format_time
+from palletloc.io.tracks import TRACKS, TrackRow, read_count
 from tracking.answers import TrackState
 from tracking.events import Event, EventKind
-from tracking.track import Status
 
-TRACKS, PATHS, EVENTS, FIGURE = "tracks.csv", "tracks", "events.csv", "tracks.png"
-"""Names of what a run writes: tracks, the folder of their paths, what became of every input, a picture."""
+PATHS, EVENTS, FIGURE = "tracks", "events.csv", "tracks.png"
+"""Names of what a run writes beside tracks.csv: the folder of the paths, what became of every input, a picture."""
 SMOOTHED_TRACKS, SMOOTHED_PATHS = "tracks_smoothed.csv", "tracks_smoothed"
 """The same table and folder from the smoother."""
-TRACK_COLUMNS = ("time_s", "track", "model", "state", *POSE_COLUMNS, *COVARIANCE_COLUMNS, "age_s", "hits")
-"""Header of tracks.csv."""
 EVENT_COLUMNS = ("time_s", "event", "track", "distance", "limit", "age_s", "window_s", "revised", "reason")
 """Header of events.csv."""
 
 _FLAGS = {"no": False, "yes": True}
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class TrackRow:
-    """A pallet at the time of a shot: a row of tracks.csv."""
-
-    time: float
-    """Of the shot, in seconds."""
-    track: int
-    """Number of the track."""
-    model: str
-    """Name of the pallet model."""
-    status: Status
-    """How much the track is believed."""
-    pose: LevelPose
-    """``forklift_from_pallet`` at that time."""
-    covariance: FloatArray
-    """(4, 4) covariance of (x, y, z, yaw), in metres and radians."""
-    age: float
-    """Time since the last measurement, in seconds."""
-    hits: int
-    """How many measurements the track is made of."""
-
-    @classmethod
-    def of(cls, state: TrackState) -> TrackRow:
-        """Return the row of a tracker's answer."""
-        return cls(
-            state.time,
-            state.track,
-            state.model,
-            state.status,
-            state.pose,
-            state.covariance,
-            state.age,
-            state.hits,
-        )
-
-
-def write_tracks(path: Path, rows: Iterable[TrackRow]) -> None:
-    """Write tracks.csv, whole or not at all.
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written.
-    """
-    write_rows(path, TRACK_COLUMNS, (_track_cells(row) for row in rows))
-
-
-def _track_cells(row: TrackRow) -> list[str]:
-    cells = [format_time(row.time), str(row.track), row.model, str(row.status)]
-    return [*cells, *pose_cells(row.pose, row.covariance), format_number(row.age), str(row.hits)]
-
-
-def read_tracks(path: str | Path) -> tuple[TrackRow, ...]:
-    """Read tracks.csv.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file, or one of the smoother's.
-
-    Returns
-    -------
-    tuple of TrackRow
-        In the file's order.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read or a row is wrong; names the line.
-    """
-    return tuple(_track(row) for row in read_rows(Path(path), TRACK_COLUMNS))
-
-
-def _track(row: Row) -> TrackRow:
-    age = row.number("age_s")
-    if age < 0:
-        raise row.fault(f"age_s: expected a time since the last measurement, got {age:g}")
+def track_row(state: TrackState) -> TrackRow:
+    """Return the row of a tracker's answer."""
     return TrackRow(
-        row.number("time_s"),
-        _count(row, "track"),
-        row.text("model"),
-        row.choice("state", Status),
-        read_pose(row),
-        read_covariance(row),
-        age,
-        _count(row, "hits"),
+        state.time,
+        state.track,
+        state.model,
+        state.status,
+        state.pose,
+        state.covariance,
+        state.age,
+        state.hits,
     )
-
-
-def _count(row: Row, column: str) -> int:
-    """Return a whole number from 1 on."""
-    value = row.number(column)
-    if value < 1 or value != int(value):
-        raise row.fault(f"{column}: expected a whole number from 1 on, got {row.cells[column]!r}")
-    return int(value)
 
 
 def write_events(path: Path, events: Iterable[Event]) -> None:
@@ -179,7 +87,7 @@ def _event(row: Row) -> Event:
     return Event(
         row.choice("event", EventKind),
         row.number("time_s") if row.cells["time_s"] else math.nan,
-        _count(row, "track") if row.cells["track"] else None,
+        read_count(row, "track") if row.cells["track"] else None,
         distance,
         limit,
         age,

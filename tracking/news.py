@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from palletloc.track_status import Status
 from tracking.belief import Fate
 from tracking.config import LifeConfig
 from tracking.events import Event, EventKind
 from tracking.naming import Names
 from tracking.replay import Look, Replay
-from tracking.track import Key, Status
+from tracking.track import Key
 
 _Told = tuple[EventKind, int | None]
 

@@ -13,7 +13,9 @@ from palletloc.io.atomic import write_bytes
 from palletloc.io.measurements import NoPose, read_measurements
 from palletloc.io.recording import Recording, Shot
 from palletloc.io.starts import TIME_TOLERANCE
+from palletloc.io.tracks import TRACKS, TrackRow, write_tracks
 from palletloc.measurement import PalletMeasurement
+from palletloc.track_status import Status
 from palletloc.trajectory import TrajectoryError
 from tracking.config import TrackerConfig
 from tracking.events import Event, EventKind
@@ -23,20 +25,17 @@ from tracking.files import (
     PATHS,
     SMOOTHED_PATHS,
     SMOOTHED_TRACKS,
-    TRACKS,
     PathPoint,
-    TrackRow,
     remove_run,
+    track_row,
     write_events,
     write_paths,
-    write_tracks,
 )
 from tracking.odometry import Odometry, samples_of
 from tracking.path import DrivenPath
 from tracking.shot_taken import ShotTaken
 from tracking.smoother import SmoothedState, smoothed, smoothed_at
 from tracking.stream import RecordingSource
-from tracking.track import Status
 from tracking.tracker import PalletTracker
 
 
@@ -180,7 +179,7 @@ def track_recording(
         time = given.time
         if time not in skipped:
             events += _telling(tracker.push([ShotTaken(time), *by_shot.get(time, ())]))
-        rows = tuple(TrackRow.of(state) for state in tracker.tracks(time))
+        rows = tuple(track_row(state) for state in tracker.tracks(time))
         shots.append(ShotTracks(Shot(time, given.file), rows, tracker.odom_from_forklift(time)))
         if follow is not None:
             follow(shots[-1])

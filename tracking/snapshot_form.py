@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.measurement import PalletMeasurement, YawSource
+from palletloc.track_status import Status
 from tracking.config import TrackerConfig
 from tracking.events import EventKind
 from tracking.filter import Gaussian
@@ -21,7 +22,7 @@ from tracking.motion import Twist
 from tracking.observation import Observation, PartialMeasurement, observe
 from tracking.odometry import Odometry, check_odometry
 from tracking.shot_taken import ShotTaken
-from tracking.track import Key, Rival, Status, Track
+from tracking.track import Key, Rival, Track
 
 Input = Odometry | Observation | ShotTaken
 """What a tracker holds."""

@@ -4,23 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import NamedTuple
 
 from palletloc.geometry import FloatArray, LevelPose
+from palletloc.track_status import Status
 from tracking.config import LifeConfig
 from tracking.filter import POSE, Gaussian, Prediction
-
-
-class Status(StrEnum):
-    """How much a track is believed."""
-
-    TENTATIVE = "tentative"
-    """Seen too few times to be believed."""
-    CONFIRMED = "confirmed"
-    """Seen often enough, and in the last shot."""
-    COASTING = "coasting"
-    """Believed, but not seen of late: odometry alone says where it is."""
 
 
 class Key(NamedTuple):

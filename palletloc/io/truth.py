@@ -65,7 +65,7 @@ def read_truth(folder: str | Path) -> Truth:
         raise InputError(f"{truth}: no such folder; expected forklift.csv and pallets.csv in it")
     table, tum = truth / "forklift.csv", truth / "forklift.tum"
     path = read_tum(tum) if tum.exists() and not table.exists() else _read_forklift(table)
-    return Truth(path, _read_pallets(truth / "pallets.csv"))
+    return Truth(path, read_pallets(truth / "pallets.csv"))
 
 
 def _read_forklift(path: Path) -> Trajectory:
@@ -76,7 +76,14 @@ def _read_forklift(path: Path) -> Trajectory:
     return Trajectory(times=times, x=x, y=y, yaw=yaw, z=z)
 
 
-def _read_pallets(path: Path) -> tuple[TruePallet, ...]:
+def read_pallets(path: Path) -> tuple[TruePallet, ...]:
+    """Read truth/pallets.csv.
+
+    Raises
+    ------
+    InputError
+        If it is missing or wrong; names the line.
+    """
     lines: dict[str, int] = {}
     pallets = []
     for row in read_rows(path, PALLET_COLUMNS):

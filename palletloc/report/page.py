@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
@@ -118,6 +119,19 @@ def picture(source: str, caption: str, *, keep_wide: bool = False) -> str:
     if keep_wide:
         image = f'<div class="wide">{image}</div>'
     return f"<figure>{image}<figcaption>{text}</figcaption></figure>"
+
+
+def embedded(content: bytes, kind: str = "png") -> str:
+    """Return a source for `picture` that holds the picture itself.
+
+    Parameters
+    ----------
+    content : bytes
+        Of the file.
+    kind : str
+        ``png`` or ``jpeg``.
+    """
+    return f"data:image/{kind};base64,{base64.b64encode(content).decode('ascii')}"
 
 
 def table(columns: Sequence[Column], rows: Iterable[Sequence[str]]) -> str:

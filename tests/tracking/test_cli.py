@@ -18,13 +18,14 @@ from palletloc.geometry import Image, LevelPose, level_pose
 from palletloc.io.config_file import read_config
 from palletloc.io.measurements import read_measurements, write_measurements
 from palletloc.io.recording import Recording, Shot, read_recording
+from palletloc.io.tracks import read_tracks
 from palletloc.io.truth import TruePallet, Truth, write_truth
 from palletloc.measurement import PalletMeasurement, YawSource
 from palletloc.offline import Job
+from palletloc.track_status import Status
 from tracking.config import TrackerConfig
-from tracking.files import read_events, read_tracks
+from tracking.files import read_events
 from tracking.parameters import read_tracker_config
-from tracking.track import Status
 
 RECORDING = """\
 format: 1

@@ -11,18 +11,19 @@ from palletloc.cameras import Equirectangular
 from palletloc.drawing.canvas import SERIES, png
 from palletloc.geometry import FloatArray, LevelPose, level_pose
 from palletloc.io.recording import Recording, Shot
+from palletloc.io.tracks import TrackRow
 from palletloc.io.truth import TruePallet, Truth
 from palletloc.measurement import PalletMeasurement, YawSource
 from palletloc.pallet import Opening, PalletModel
 from palletloc.shelf import ShelfPlane
+from palletloc.track_status import Status
 from palletloc.trajectory import Trajectory
 from tracking.deviation import track_deviations
 from tracking.figure import MOST_BESIDE, track_figure
-from tracking.files import TrackRow
 from tracking.filter import Gaussian
 from tracking.offline import ShotTracks, TrackedRecording
 from tracking.smoother import SmoothedState
-from tracking.track import Key, Status, Track
+from tracking.track import Key, Track
 
 T11 = PalletModel("t11", 1.1, 0.144, 1.1, (Opening(0.0, 0.024, 0.29, 0.092),))
 TIMES = (0.0, 1.0, 2.0)

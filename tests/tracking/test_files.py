@@ -13,20 +13,10 @@ from scipy.spatial.transform import Rotation
 from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 from palletloc.io.atomic import OutputError
 from palletloc.io.csv_table import TableError
+from palletloc.io.tracks import TRACK_COLUMNS, TrackRow, read_tracks, write_tracks
+from palletloc.track_status import Status
 from tracking.events import Event, EventKind
-from tracking.files import (
-    EVENT_COLUMNS,
-    TRACK_COLUMNS,
-    PathPoint,
-    TrackRow,
-    read_events,
-    read_tracks,
-    remove_run,
-    write_events,
-    write_paths,
-    write_tracks,
-)
-from tracking.track import Status
+from tracking.files import EVENT_COLUMNS, PathPoint, read_events, remove_run, write_events, write_paths
 
 numbers = st.floats(-100, 100)
 poses = st.builds(LevelPose, numbers, numbers, numbers, st.floats(-math.pi, 3.141592))

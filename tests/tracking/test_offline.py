@@ -13,20 +13,21 @@ from palletloc.errors import PalletLocError
 from palletloc.geometry import FloatArray, LevelPose, level_pose, wrap_angle
 from palletloc.io.measurements import NoPose, write_measurements
 from palletloc.io.recording import Recording, Shot
+from palletloc.io.tracks import TrackRow, read_tracks
 from palletloc.io.truth import read_truth
 from palletloc.measurement import PalletMeasurement, YawSource
 from palletloc.offline import read_job
 from palletloc.pallet import Opening, PalletModel
 from palletloc.report.comparison import compare
 from palletloc.shelf import ShelfPlane
+from palletloc.track_status import Status
 from palletloc.trajectory import Trajectory
 from tracking.config import LifeConfig, MeasurementErrors, TrackerConfig
 from tracking.events import EventKind
-from tracking.files import TrackRow, read_events, read_tracks
+from tracking.files import read_events, track_row
 from tracking.odometry import Odometry, samples_of
 from tracking.offline import TrackedRecording, read_measured, track_recording, write_run
 from tracking.shot_taken import ShotTaken
-from tracking.track import Status
 from tracking.tracker import PalletTracker
 
 T11 = PalletModel("t11", 1.1, 0.144, 1.1, (Opening(-0.265, 0.024, 0.29, 0.092), Opening(0.265, 0.024, 0.29, 0.092)))
@@ -117,7 +118,7 @@ def test_it_is_what_the_tracker_says_when_asked_right_then() -> None:
         tracker.push(one)
         if isinstance(one, ShotTaken):
             tracker.push([each for each in found if each.time == one.time])
-            answers += [TrackRow.of(state) for state in tracker.tracks(one.time)]
+            answers += [track_row(state) for state in tracker.tracks(one.time)]
     assert all(same(one, other) for one, other in zip(answers, track_recording(whole, found).rows, strict=True))
 
 

@@ -1,0 +1,243 @@
+"""The command ``palletloc evaluate``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from palletloc.cli.evaluate_batch import evaluate_batch
+from palletloc.errors import PalletLocError
+from palletloc.evaluation.error_table import ERRORS, write_errors
+from palletloc.evaluation.errors import Sight
+from palletloc.evaluation.estimate_error import COMPONENTS, offsets
+from palletloc.evaluation.evaluated_run import (
+    INTERPOLATED_LIMIT,
+    EvaluatedRun,
+    EvaluatedSource,
+    Settings,
+    evaluate_run,
+)
+from palletloc.evaluation.metrics import METRICS, metrics_document, metrics_text
+from palletloc.evaluation.proportion import Proportion
+from palletloc.evaluation.recording_truth import read_recording_truth
+from palletloc.evaluation.requirement import Requirement
+from palletloc.evaluation.run_files import RunFiles, read_run
+from palletloc.evaluation.run_match import NEAREST_LIMIT
+from palletloc.evaluation.side_by_side import ComparedRuns, side_by_side
+from palletloc.evaluation.time_pairing import TimeRule
+from palletloc.io.atomic import write_text
+from palletloc.io.recording import Recording
+
+_QUANTITIES = (
+    ("yaw \N{DEGREE SIGN}", 3, 180 / np.pi, 2),
+    ("depth mm", 0, 1000.0, 1),
+    ("along mm", 1, 1000.0, 1),
+    ("height mm", 2, 1000.0, 1),
+)
+"""Title, number of the component, how many of the unit are in a metre or radian, and decimals."""
+
+
+def evaluate(
+    estimate: Annotated[
+        list[Path],
+        typer.Option(
+            metavar="DIR",
+            help="Folder of a run: measurements.csv and, if there, tracks.csv; may be repeated."
+            " With --batch relative to each recording.",
+        ),
+    ],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results; made if missing.")],
+    recording: Annotated[
+        Path | None, typer.Argument(metavar="[RECORDING]", help="Folder of the recording, with its truth.")
+    ] = None,
+    batch: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Evaluate every recording in this folder, in parallel.")
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(metavar="N", min=1, help="With --batch: how many processes to start.")
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="With --batch: use this Dask scheduler instead.")
+    ] = None,
+    max_range: Annotated[
+        float, typer.Option(metavar="M", help="Farthest pallet that has to be found, in metres.")
+    ] = Sight().max_range,
+    pair: Annotated[TimeRule, typer.Option(help="How the truth is taken for a shot's time.")] = TimeRule.NEAREST,
+    pair_limit: Annotated[
+        float | None,
+        typer.Option(metavar="S", help="Largest time to the nearest sample, or between the samples on both sides."),
+    ] = None,
+    stop_limit: Annotated[
+        float, typer.Option(metavar="S", help="How far a shot may be from the time of a surveyed stop.")
+    ] = NEAREST_LIMIT,
+    requirement_yaw_deg: Annotated[
+        float, typer.Option(metavar="DEG", help="Largest error of the yaw that is allowed.")
+    ] = 2.0,
+    requirement_mm: Annotated[
+        float, typer.Option(metavar="MM", help="Largest error of depth, along and height that is allowed.")
+    ] = 20.0,
+    no_pictures: Annotated[
+        bool, typer.Option("--no-pictures", help="Leave the images of the worst shots out of the report.")
+    ] = False,
+) -> None:
+    """Hold measured poses against the truth of a recording.
+
+    Writes metrics.json, errors.csv and report.html.
+    """
+    settings = _settings(max_range, pair, pair_limit, stop_limit, requirement_yaw_deg, requirement_mm)
+    if batch is not None and recording is None:
+        _check_batch(estimate, workers, scheduler)
+        evaluate_batch(batch, [str(one) for one in estimate], out, settings, workers, scheduler)
+    elif recording is None or batch is not None:
+        raise typer.BadParameter("expected either RECORDING or --batch DIR", param_hint="RECORDING")
+    elif workers is not None or scheduler is not None:
+        raise typer.BadParameter("go with --batch DIR only", param_hint="--workers, --scheduler")
+    else:
+        _evaluate_one(recording, estimate, out, settings, with_pictures=not no_pictures)
+
+
+def _check_batch(estimates: Sequence[Path], workers: int | None, scheduler: str | None) -> None:
+    if workers is not None and scheduler is not None:
+        raise typer.BadParameter("a scheduler has its own workers; expected one of them", param_hint="--workers")
+    for one in estimates:
+        if one.is_absolute():
+            raise typer.BadParameter(
+                f"with --batch expected a name in each recording, got {one}", param_hint="--estimate"
+            )
+    if len(set(estimates)) < len(estimates):
+        raise PalletLocError("--estimate: a run is given twice; expected different runs")
+
+
+def _evaluate_one(
+    recording: Path, estimate: Sequence[Path], out: Path, settings: Settings, *, with_pictures: bool
+) -> None:
+    """Evaluate the runs over one recording, write the results and print the tables."""
+    truth = read_recording_truth(recording)
+    runs = [evaluate_run(truth, files, settings) for files in _read_runs(estimate, truth.recording)]
+    compared = side_by_side(runs)
+    text = metrics_text(metrics_document(truth, runs, settings, compared))
+    with Console(stderr=True).status("Drawing"):
+        from palletloc.report.evaluation_page import REPORT, evaluation_page  # drawing is slow to import
+
+        page = evaluation_page(truth, runs, settings, compared, with_pictures=with_pictures)
+    write_errors(out / ERRORS, runs, "survey" if truth.path is None else "path")
+    write_text(out / METRICS, text)
+    write_text(out / REPORT, page)
+    console = Console()
+    console.print(_table(runs))
+    if compared:
+        console.print(_compared(compared))
+    for line in _remarks(runs):
+        console.print(Text(line), soft_wrap=True)
+    console.print(Text(f"look at {out / REPORT}"), soft_wrap=True)
+
+
+def _settings(
+    max_range: float, pair: TimeRule, pair_limit: float | None, stop_limit: float, yaw_deg: float, millimetres: float
+) -> Settings:
+    """Return the settings that options ask for."""
+    if pair_limit is None:
+        pair_limit = INTERPOLATED_LIMIT if pair is TimeRule.INTERPOLATED else NEAREST_LIMIT
+    given = {
+        "--max-range": max_range,
+        "--pair-limit": pair_limit,
+        "--stop-limit": stop_limit,
+        "--requirement-yaw-deg": yaw_deg,
+        "--requirement-mm": millimetres,
+    }
+    for name, value in given.items():
+        if not 0 < value < math.inf:
+            raise typer.BadParameter(f"expected a positive number, got {value:g}", param_hint=name)
+    limit = millimetres / 1000
+    requirement = Requirement(depth=limit, along=limit, height=limit, yaw=math.radians(yaw_deg))
+    return Settings(Sight(max_range=max_range), pair, pair_limit, stop_limit, requirement)
+
+
+def _read_runs(folders: Sequence[Path], recording: Recording) -> list[RunFiles]:
+    """Read the runs; each is called like its folder, or like its path where two folders have one name."""
+    places = [folder.resolve() for folder in folders]
+    for number, place in enumerate(places):
+        if place in places[:number]:
+            raise PalletLocError(f"--estimate {folders[number]}: is given twice; expected different runs")
+    names = [place.name for place in places]
+    return [
+        read_run(folder, recording, str(folder) if names.count(name) > 1 else name)
+        for folder, name in zip(folders, names, strict=True)
+    ]
+
+
+def _table(runs: Sequence[EvaluatedRun]) -> Table:
+    title = "errors: measured minus true, absolute"
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), title=title, title_justify="left")
+    table.add_column("run")
+    table.add_column("source", no_wrap=True)
+    table.add_column("", no_wrap=True)
+    for heading in ("median", "95 %", "largest", "inside"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("requirement", no_wrap=True)
+    for run in runs:
+        label = run.files.name
+        for name, source in run.sources.items():
+            for number, cells in enumerate(_rows(source)):
+                table.add_row(Text("" if number else label), "" if number else name, *cells)
+            label = ""
+    return table
+
+
+def _rows(source: EvaluatedSource) -> Iterator[list[str]]:
+    """Yield the cells of each quantity, of all together, and of what was found."""
+    sizes = np.abs(offsets(source.errors))
+    check = source.requirement
+    for title, column, scale, digits in _QUANTITIES:
+        one = getattr(check, COMPONENTS[column])
+        values = sizes[:, column] * scale
+        numbers = (np.median(values), np.percentile(values, 95), values.max()) if len(values) else ()
+        cells = [f"{value:.{digits}f}" for value in numbers] or [""] * 3
+        yield [title, *cells, _counted(one.proportion), str(one.verdict).replace("_", " ")]
+    together = check.together
+    yield ["together", "", "", "", _counted(together.proportion), str(together.verdict).replace("_", " ")]
+    found = source.detection
+    yield ["found", "", "", "", _counted(found.found), f"{found.false} false"]
+
+
+def _compared(compared: Sequence[ComparedRuns]) -> Table:
+    title = f"change of the mean absolute error against {compared[0].first}, with its interval"
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), title=title, title_justify="left")
+    table.add_column("run")
+    table.add_column("source", no_wrap=True)
+    table.add_column("", no_wrap=True)
+    for heading in ("change", "from", "to", "better", "worse"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for one in compared:
+        for number, (title, column, scale, digits) in enumerate(_QUANTITIES):
+            difference = one.comparison.differences.get(COMPONENTS[column])
+            if difference is not None:
+                ends = (difference.mean, difference.low, difference.high)
+                cells = [f"{scale * value:+.{digits + 1}f}" for value in ends]
+                names = ("", "") if number else (one.second, one.source)
+                table.add_row(
+                    Text(names[0]), names[1], title, *cells, str(difference.smaller), str(difference.larger)
+                )
+    return table
+
+
+def _counted(one: Proportion) -> str:
+    return f"{one.successes} of {one.trials}"
+
+
+def _remarks(runs: Sequence[EvaluatedRun]) -> list[str]:
+    """Say what the table does not."""
+    left_out = runs[0].without_truth
+    if not left_out:
+        return []
+    count = "1 shot has" if len(left_out) == 1 else f"{len(left_out)} shots have"
+    return [f"left out: {count} no truth within the limit; {METRICS} lists the times"]

@@ -1,0 +1,137 @@
+"""The truth of a recording from its folder: the forklift's path, the pallets, and the survey where there is one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from palletloc.errors import nearest_name
+from palletloc.evaluation.errors import PAIRING_DISTANCE, EvaluationError
+from palletloc.evaluation.surveyed_truth import SurveyedTruth, read_surveyed_truth
+from palletloc.evaluation.true_pose import continuous_poses
+from palletloc.geometry import FloatArray
+from palletloc.io.recording import Recording, read_recording
+from palletloc.io.truth import TruePallet, read_pallets, read_truth
+from palletloc.trajectory import Trajectory
+
+FORKLIFT_FILES = ("forklift.csv", "forklift.tum")
+"""The forklift's path, either of them."""
+SURVEY = "survey.yaml"
+"""What was surveyed."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SurveyAgreement:
+    """A surveyed pose minus that of the continuous truth."""
+
+    stop: str
+    """Name of the stop."""
+    pallet: str
+    """Id of the pallet."""
+    error: FloatArray
+    """(4,) of x, y and z in metres, and of yaw in radians."""
+    normalised: FloatArray
+    """(4,) the same in standard deviations of the survey."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordingTruth:
+    """A recording with all that is true of it."""
+
+    recording: Recording
+    """The recording."""
+    pallets: tuple[TruePallet, ...]
+    """Of truth/pallets.csv."""
+    path: Trajectory | None
+    """``world_from_forklift`` over time; None where only stops were surveyed."""
+    surveyed: SurveyedTruth | None
+    """Of truth/survey.yaml; None without one."""
+    agreement: tuple[SurveyAgreement, ...] = ()
+    """Of survey and path, where there are both."""
+
+    @property
+    def widths(self) -> Mapping[str, float]:
+        """Width of each model's front face, in metres."""
+        return {model.name: model.width for model in self.recording.models}
+
+
+def read_recording_truth(folder: str | Path) -> RecordingTruth:
+    """Read a recording with its truth.
+
+    Parameters
+    ----------
+    folder : str or Path
+        The recording, with a folder ``truth`` that holds pallets.csv, and forklift.csv (or forklift.tum), or
+        survey.yaml, or both.
+
+    Returns
+    -------
+    RecordingTruth
+        Checked: every pallet has a known model, and survey and path agree to the decimetre.
+
+    Raises
+    ------
+    PalletLocError
+        If a file is missing or wrong, or belongs to another site.
+    """
+    folder = Path(folder)
+    recording = read_recording(folder)
+    place = folder / "truth"
+    surveyed = read_surveyed_truth(folder) if (place / SURVEY).exists() else None
+    if surveyed is not None and not any((place / name).exists() for name in FORKLIFT_FILES):
+        pallets, path = read_pallets(place / "pallets.csv"), None
+    else:
+        truth = read_truth(folder)
+        pallets, path = truth.pallets, truth.forklift
+    _check_models(place, pallets, recording)
+    if surveyed is None:
+        return RecordingTruth(recording, pallets, path, None)
+    _check_surveyed(place, pallets, surveyed)
+    agreement = () if path is None else _agreement(place, pallets, path, surveyed)
+    return RecordingTruth(recording, pallets, path, surveyed, agreement)
+
+
+def _check_models(place: Path, pallets: tuple[TruePallet, ...], recording: Recording) -> None:
+    known = [model.name for model in recording.models]
+    if not pallets:
+        raise EvaluationError(f"{place / 'pallets.csv'}: has no rows; expected at least one pallet")
+    for pallet in pallets:
+        if pallet.model not in known:
+            hint = nearest_name(pallet.model, known)
+            raise EvaluationError(
+                f"{place / 'pallets.csv'}: pallet '{pallet.id}': the recording has no model '{pallet.model}'{hint}"
+            )
+
+
+def _check_surveyed(place: Path, pallets: tuple[TruePallet, ...], surveyed: SurveyedTruth) -> None:
+    known = [pallet.id for pallet in pallets]
+    for name in surveyed.plan.pallets:
+        if name not in known:
+            hint = nearest_name(name, known)
+            raise EvaluationError(f"{place / SURVEY}: bodies: pallet '{name}' is not in pallets.csv{hint}")
+
+
+def _agreement(
+    place: Path, pallets: tuple[TruePallet, ...], path: Trajectory, surveyed: SurveyedTruth
+) -> tuple[SurveyAgreement, ...]:
+    """Compare the survey with the path at every stop that the path covers."""
+    found = []
+    start, end = path.span
+    for stop in surveyed.stops:
+        if not start <= stop.time <= end:
+            continue
+        true = {one.id: one.forklift_from_pallet for one in continuous_poses(path, pallets, stop.time)}
+        for pose in stop.poses:
+            error = -pose.error(true[pose.id])
+            apart = float(np.linalg.norm(error[:3]))
+            if apart > PAIRING_DISTANCE:
+                raise EvaluationError(
+                    f"{place / SURVEY}: stop '{stop.name}', pallet '{pose.id}': is {apart:.2f} m from where the"
+                    f" forklift's path and pallets.csv put it, expected at most {PAIRING_DISTANCE} m;"
+                    " is it the survey of another site, or of another time?"
+                )
+            found.append(SurveyAgreement(stop.name, pose.id, error, -pose.normalized_error(true[pose.id])))
+    return tuple(found)

@@ -1,0 +1,196 @@
+"""The page report.html: an evaluation to look at, in one file that opens without a network."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from palletloc.drawing.canvas import small_png
+from palletloc.evaluation.consistency import chi_square_check
+from palletloc.evaluation.evaluated_run import EvaluatedRun, EvaluatedSource, Settings
+from palletloc.evaluation.recording_truth import RecordingTruth
+from palletloc.evaluation.requirement import RequirementCheck, Verdict
+from palletloc.evaluation.side_by_side import ComparedRuns
+from palletloc.evaluation.time_pairing import TimeRule
+from palletloc.report.aisle_figure import aisle_figure
+from palletloc.report.approach_figure import approach_figure
+from palletloc.report.error_spread_figure import distance_figure, histogram_figure
+from palletloc.report.evaluation_tables import (
+    GROUPS,
+    STOPS,
+    comparison_parts,
+    distance_rows,
+    pallet_rows,
+    stop_rows,
+)
+from palletloc.report.page import Column, embedded, heading, key_figures, page, paragraph, picture, table
+from palletloc.report.source_style import QUANTITIES, STYLES
+from palletloc.report.worst_shots import WorstShot, worst_shots
+
+REPORT = "report.html"
+"""Name of the file."""
+_DEGREE, _SIGMA = "\N{DEGREE SIGN}", "\N{GREEK SMALL LETTER SIGMA}"
+_VERDICTS = {
+    Verdict.MET: "The requirement is met",
+    Verdict.NOT_MET: "The requirement is not met",
+    Verdict.UNDECIDED: "Too few errors to decide on the requirement",
+}
+
+
+def evaluation_page(
+    truth: RecordingTruth,
+    runs: Sequence[EvaluatedRun],
+    settings: Settings,
+    compared: Sequence[ComparedRuns] = (),
+    *,
+    with_pictures: bool = True,
+) -> str:
+    """Return the page.
+
+    Parameters
+    ----------
+    truth : RecordingTruth
+        Of the recording.
+    runs : sequence of EvaluatedRun
+        Over it, at least one.
+    settings : Settings
+        With which they were evaluated.
+    compared : sequence of ComparedRuns
+        The runs side by side.
+    with_pictures : bool
+        Whether to show the images of the worst shots.
+    """
+    name = truth.recording.folder.resolve().name
+    parts = [heading(f"{name}: measured against the truth", level=1), *_setting(truth, runs[0], settings)]
+    if compared:
+        parts += comparison_parts(compared)
+    for run in runs:
+        parts += _run(truth, run, settings, with_pictures=with_pictures)
+    return page(f"{name}: evaluation", parts)
+
+
+def _setting(truth: RecordingTruth, run: EvaluatedRun, settings: Settings) -> Iterator[str]:
+    asked = settings.requirement
+    yield paragraph(
+        f"{len(truth.recording.shots)} shots, {len(truth.pallets)} true pallets. A pallet has to be found within"
+        f" {settings.sight.max_range:g} m. Required: depth, along and height within {1000 * asked.depth:g} mm and yaw"
+        f" within {math.degrees(asked.yaw):g}{_DEGREE}, in {100 * asked.share:g} % of all cases, shown at a"
+        f" confidence of {100 * asked.confidence:g} %.",
+        "lead",
+    )
+    if truth.path is None:
+        told = f"Truth: the survey at its stops; shots within {settings.stop_limit:g} s of one."
+    else:
+        between = settings.rule is TimeRule.INTERPOLATED
+        how = "between samples at most" if between else "by the nearest sample, at most"
+        told = (
+            f"Truth: the forklift's path, taken {how} {settings.limit:g} s {'apart' if between else 'away'}"
+            f" (largest time to a sample: {run.largest:.3g} s)."
+        )
+    if run.without_truth:
+        told += f" {len(run.without_truth)} of the shots have no truth and are left out."
+    yield paragraph(told)
+    if truth.agreement:
+        worst = max(float(np.abs(one.normalised).max()) for one in truth.agreement)
+        yield paragraph(
+            f"Survey and path agree within {worst:.1f} standard deviations of the survey over"
+            f" {len(truth.agreement)} poses."
+        )
+    for note in truth.surveyed.notes if truth.surveyed else ():
+        yield paragraph(f"Survey: {note}")
+
+
+def _run(truth: RecordingTruth, run: EvaluatedRun, settings: Settings, *, with_pictures: bool) -> Iterator[str]:
+    yield heading(run.files.name)
+    for name, source in run.sources.items():
+        yield from _verdict(STYLES[name].label, source)
+    yield table(_SUMMARY, (row for name, source in run.sources.items() for row in _summary(name, source)))
+    caption = "Errors of yaw and distance over the approach, as the method's paper shows them, pallet by pallet."
+    yield picture(embedded(small_png(approach_figure(run, settings.requirement))), caption, keep_wide=True)
+    caption = "How the errors are spread."
+    yield picture(embedded(small_png(histogram_figure(run, settings.requirement))), caption, keep_wide=True)
+    caption = "Errors against the pallet's true distance from the camera."
+    yield picture(embedded(small_png(distance_figure(run, settings))), caption, keep_wide=True)
+    caption = "The aisle from above: true pallets, estimates of all shots, and the forklift's true path."
+    yield picture(embedded(small_png(aisle_figure(truth, run))), caption, keep_wide=True)
+    yield heading("By distance", level=3)
+    yield paragraph("Median and 95 % of the absolute errors.")
+    yield table(GROUPS, distance_rows(run, settings))
+    yield heading("By pallet", level=3)
+    yield table(GROUPS, pallet_rows(run))
+    if any(source.stops for source in run.sources.values()):
+        yield heading("At the surveyed stops", level=3)
+        yield paragraph(
+            "Accuracy AP and repeatability RP in the terms of ISO 9283, against the survey; with a single shot at a"
+            " stop there is no repeatability. The last columns are the survey's own standard deviations."
+        )
+        yield table(STOPS, stop_rows(run))
+    yield from _worst(worst_shots(run, truth.recording, settings.requirement, with_pictures=with_pictures))
+
+
+def _verdict(label: str, source: EvaluatedSource) -> Iterator[str]:
+    check, found = source.requirement, source.detection
+    inside = check.together.proportion
+    yield paragraph(f"{label[0].upper()}{label[1:]}: {_VERDICTS[check.together.verdict].lower()}.", "lead")
+    nees = chi_square_check([one.nees_with_truth for one in source.errors], 4)
+    share = f"{100 * inside.low:.1f} to {100 * inside.high:.1f} %"
+    figures = [
+        (f"{inside.successes} of {inside.trials}", f"errors inside; {share} at {100 * inside.confidence:g} %"),
+        (f"{found.found.successes} of {found.found.trials}", "pallets found that had to be"),
+        (str(found.false), "estimates where no pallet stands"),
+    ]
+    if nees.n:
+        band = f"{nees.low:.1f} to {nees.high:.1f}"
+        figures.append((f"{nees.mean:.2f}", f"mean NEES, expected 4 ({band}): {nees.verdict}"))
+    yield key_figures(figures)
+
+
+_SUMMARY = (
+    Column("source", is_text=True),
+    Column("error", is_text=True),
+    *(Column(name) for name in ("bias", "median", "RMS", "95 %", "largest", "inside")),
+    Column("requirement", is_text=True),
+)
+
+
+def _summary(name: str, source: EvaluatedSource) -> Iterator[list[str]]:
+    check: RequirementCheck = source.requirement
+    for number, quantity in enumerate(QUANTITIES):
+        values = quantity.values(source.errors)
+        sizes = np.abs(values)
+        one = getattr(check, quantity.label)
+        numbers = ["\N{EN DASH}"] * 5
+        if len(values):
+            found = (
+                float(np.median(values)),
+                float(np.median(sizes)),
+                float(np.sqrt(np.mean(values**2))),
+                float(np.percentile(sizes, 95)),
+                float(sizes.max()),
+            )
+            numbers = [f"{value:.2f}" for value in found]
+        label = STYLES[name].label if number == 0 else ""
+        counted = f"{one.proportion.successes} of {one.proportion.trials}"
+        yield [label, f"{quantity.label}, {quantity.unit}", *numbers, counted, str(one.verdict).replace("_", " ")]
+
+
+def _worst(shots: Sequence[WorstShot]) -> Iterator[str]:
+    if not shots:
+        return
+    yield heading("The worst shots", level=3)
+    yield paragraph(
+        "Single shots with the largest error in parts of what is allowed. In the pictures: pink the true face, green"
+        " the measured one."
+    )
+    for one in shots:
+        cells = ", ".join(
+            f"{quantity.label} {quantity.values([one.error])[0]:+.2f} {quantity.unit}" for quantity in QUANTITIES
+        )
+        face = one.error.error.face
+        text = f"{one.file}, pallet {face.id}, {face.range:.2f} m away: {cells}; {one.share:.2f} of what is allowed."
+        if one.picture:
+            yield picture(embedded(one.picture, "jpeg"), text)
+        else:
+            yield paragraph(text + (f" No picture: {one.problem}." if one.problem else ""))

@@ -1,0 +1,101 @@
+"""The worst shots of a run, with the true and the measured faces drawn into their images."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from palletloc.drawing.canvas import MEASURED, REFUSED
+from palletloc.drawing.overlay import Mark, cut_out, draw_overlay, region_of_interest
+from palletloc.errors import PalletLocError
+from palletloc.evaluation.estimate_error import EstimateError
+from palletloc.evaluation.evaluated_run import EvaluatedRun
+from palletloc.evaluation.requirement import Requirement
+from palletloc.evaluation.run_files import SHOTS_SOURCE
+from palletloc.geometry import Image
+from palletloc.io.recording import Recording
+
+WORST = 4
+"""How many are shown."""
+_WIDEST, _QUALITY = 1040, 85
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WorstShot:
+    """A pallet in a shot with one of the largest errors."""
+
+    error: EstimateError
+    """The error."""
+    file: str
+    """The shot's image."""
+    share: float
+    """Largest error, in parts of what is allowed."""
+    picture: bytes
+    """JPEG of the part of the shot around the pallet; empty where the image cannot be read."""
+    problem: str = ""
+    """Why there is no picture."""
+
+
+def worst_shots(
+    run: EvaluatedRun, recording: Recording, requirement: Requirement, *, with_pictures: bool = True
+) -> list[WorstShot]:
+    """Return the single-shot measurements whose errors are the largest parts of what is allowed.
+
+    Parameters
+    ----------
+    run : EvaluatedRun
+        The run.
+    recording : Recording
+        Gives images, camera and pallet models.
+    requirement : Requirement
+        What is allowed.
+    with_pictures : bool
+        Whether to read the images.
+
+    Returns
+    -------
+    list of WorstShot
+        The worst first, at most `WORST`.
+    """
+    source = run.sources.get(SHOTS_SOURCE)
+    errors = sorted(source.errors if source else (), key=lambda one: -_share(one, requirement))[:WORST]
+    files = {shot.time: shot.file for shot in recording.shots}
+    found = []
+    for one in errors:
+        file = files[one.time]
+        picture, problem = _picture(one, file, recording) if with_pictures else (b"", "")
+        found.append(WorstShot(one, file, _share(one, requirement), picture, problem))
+    return found
+
+
+def _share(one: EstimateError, requirement: Requirement) -> float:
+    return float((np.abs(one.offset) / requirement.limits).max())
+
+
+def _picture(one: EstimateError, file: str, recording: Recording) -> tuple[bytes, str]:
+    """Return the picture, or why there is none."""
+    shot = next(shot for shot in recording.shots if shot.file == file and shot.time == one.time)
+    try:
+        image = recording.image(shot)
+    except PalletLocError as error:
+        return b"", str(error)
+    models = {model.name: model for model in recording.models}
+    face, estimate = one.error.face, one.estimate
+    marks = [Mark(models[face.model], face.forklift_from_pallet, REFUSED, heading=False)]
+    if estimate.model in models:
+        marks.append(Mark(models[estimate.model], estimate.forklift_from_pallet, MEASURED, heading=False))
+    return _cut(image, recording, marks), ""
+
+
+def _cut(image: Image, recording: Recording, marks: Sequence[Mark]) -> bytes:
+    camera, camera_from_forklift = recording.camera, recording.forklift_from_camera.inv()
+    drawn = draw_overlay(image, camera, camera_from_forklift, marks)
+    part = cut_out(drawn, region_of_interest(camera, camera_from_forklift, marks))
+    if part.shape[1] > _WIDEST:
+        height = round(part.shape[0] * _WIDEST / part.shape[1])
+        part = np.asarray(cv2.resize(part, (_WIDEST, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    _, content = cv2.imencode(".jpg", part, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+    return content.tobytes()

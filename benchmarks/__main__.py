@@ -1,4 +1,4 @@
-"""``python -m benchmarks [RECORDING ...] [--accuracy | --tracking | --consistency SCENES] [--json | --markdown]``."""
+"""``python -m benchmarks [RECORDING ...]``: speed, or one of the other measurements that ``--help`` lists."""
 
 from __future__ import annotations
 

@@ -14,6 +14,7 @@ from rich.console import Console
 
 from benchmarks.accuracy import measure_accuracy
 from benchmarks.consistency import measure_consistency
+from benchmarks.evaluation import measure_evaluation
 from benchmarks.speed import measure_speed
 from benchmarks.tables import Section, as_markdown, as_table
 from benchmarks.tracking import measure_tracking
@@ -54,6 +55,8 @@ def _measured(options: argparse.Namespace, recordings: Sequence[Path], console: 
     if options.consistency:
         seeds = range(options.seed, options.seed + options.consistency)
         return measure_consistency(seeds, options.methods, options.shots, options.width, console)
+    if options.evaluation:
+        return measure_evaluation(recordings[0], options.rounds)
     if options.tracking:
         return measure_tracking(options.rounds)
     if options.accuracy:
@@ -79,6 +82,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     instead.add_argument(
         "--tracking", action="store_true", help="how long the tracker takes instead; needs no recording"
+    )
+    instead.add_argument(
+        "--evaluation", action="store_true", help="what a second worker gives to palletloc evaluate --batch instead"
     )
     instead.add_argument(
         "--consistency",

@@ -41,3 +41,19 @@ def test_the_cost_of_tracking_is_printed_beside_its_goals() -> None:
     (section,) = json.loads(done.stdout)
     assert [row["goal"] for row in section["rows"]] == [60.0, 3.0, 15.0, 45.0]
     assert all(row["median"] > 0 for row in section["rows"])
+
+
+@pytest.mark.slow
+def test_evaluation_in_parallel_is_printed_beside_its_goal() -> None:
+    pytest.importorskip("distributed")
+    done = subprocess.run(
+        [sys.executable, "-m", "benchmarks", "--evaluation", "--rounds", "1", "--json"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    (section,) = json.loads(done.stdout)
+    assert [row["goal"] for row in section["rows"]] == [None, 0.6]
+    assert all(row["median"] > 0 for row in section["rows"])

@@ -184,6 +184,7 @@ def test_wrong_usage_is_2(arguments: list[str]) -> None:
     assert run(["calibrate", *arguments], COMMANDS) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not DEV_YARD.is_dir(), reason="the yard is not there")
 def test_the_photographed_yard_is_within_its_own_sigmas(tmp_path: Path) -> None:
     outcome = calibrate_extrinsics(DEV_YARD, tmp_path / "rig.yaml")

@@ -92,6 +92,7 @@ def test_the_band_is_that_of_the_chi_square_distribution() -> None:
     assert (round(low, 2), round(high, 2)) == (3.25, 4.82)
 
 
+@pytest.mark.slow
 def test_errors_and_innovations_are_as_large_as_they_are_said_to_be() -> None:
     verdict = ensemble(0, CONFIG, DRIVE)
     assert verdict.consistent, verdict

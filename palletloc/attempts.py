@@ -65,8 +65,8 @@ def keep_best(
     """
     attempts: list[Candidate] = []
     for start, patch in starts:
-        if any(one.pose is not None and _near(start, one.pose) for one in attempts):
-            continue  # it would lead to the same pose
+        if any(one.refusal is None and one.pose is not None and _near(start, one.pose) for one in attempts):
+            continue  # it would lead to the same pose; a fit that failed says nothing of a start beside it
         if not _may_be_pallet(patch, start, candidate, config):
             continue  # most places that are not a pallet end here
         attempt = replace(candidate, horizontal=list(candidate.horizontal))
@@ -84,8 +84,7 @@ def keep_best(
         doubt = best.face.doubt
         growth = max(doubt - (WEAK_DOUBT if weak else config.face_fit.max_doubt), 0.0) ** 2
         _widen(best, growth, attempts)
-    for name in ("horizontal", "yaw", "yaw_from", "face", "pose", "covariance", "verification", "refusal"):
-        setattr(candidate, name, getattr(best, name))
+    candidate.take(best)
     if candidate.refusal is None:
         _doubt_height(shot, candidate, config)
     uncertain = candidate.covariance is None or not of_use(candidate.covariance, config.verification)

@@ -95,3 +95,8 @@ class Candidate:
     def refuse(self, stage: Stage, reason: Reason) -> None:
         """Give it up."""
         self.refusal = (stage, reason)
+
+    def take(self, other: Candidate) -> None:
+        """Take over what another one's fit gave, or its refusal."""
+        for name in ("horizontal", "yaw", "yaw_from", "face", "pose", "covariance", "verification", "refusal"):
+            setattr(self, name, getattr(other, name))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from palletloc.attempts import keep_best
 from palletloc.candidate import Candidate, ShotView
 from palletloc.config import LocalizerConfig
@@ -45,4 +47,12 @@ def measure_refined(shot: ShotView, candidate: Candidate, config: LocalizerConfi
         return start
 
     weak = source is YawSource.FACE or candidate.height is None
-    return keep_best(shot, candidate, looked.starts, ready, weak, config)
+    again = replace(candidate, horizontal=list(candidate.horizontal))
+    keep_best(shot, candidate, looked.starts, ready, weak, config)
+    if candidate.refusal is None:
+        return
+    # a faint face may score less than what stands around it, while the start was right
+    start = candidate.start if candidate.height is None else replace(candidate.start, z=candidate.height.z)
+    keep_best(shot, again, [(start, looked.patch)], ready, weak, config)
+    if again.refusal is None:
+        candidate.take(again)

@@ -32,8 +32,9 @@ class Method(StrEnum):
 class PriorConfig:
     """What is known before anything is measured."""
 
-    level_sigma: float = 0.003
-    """How far loads stand from the known levels (one standard deviation), in metres."""
+    level_sigma: float = 0.0025
+    """How far loads stand from the known levels (one standard deviation), in metres: half of what an even floor may
+    be off over 2 m (DIN 18202:2013, table 3, row 4: 5 mm)."""
     level_reach: float = 0.30
     """How far from a known level a given start may be to belong to it, in metres."""
     start_nearer: float = 0.90

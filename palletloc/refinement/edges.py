@@ -76,6 +76,8 @@ class SeenFace:
 
     def loaded(self, edge: FaceEdge) -> bool:
         """Tell whether a load may begin at an edge: at the upper one, seen from above."""
+        if edge.kind is EdgeKind.SIDE:
+            return bool(self.plane_from_camera[0] * np.sign(edge.middle[0]) > abs(edge.middle[0]))
         return edge.kind is EdgeKind.TOP and bool(self.plane_from_camera[1] > edge.middle[1])
 
     def width_px(self, width: float) -> float:

@@ -120,8 +120,8 @@ class FaceEstimate:
     @property
     def doubt(self) -> float:
         """How many edges are missing or contradict the others; below about 1 the pose is the right one."""
-        certain = self.weights[[not self.seen.loaded(one.edge) for one in self.seen.edges]]
-        missing = self.seen.expected - certain.sum() + HIDDEN_DOUBT * len(self.hidden)
+        says = np.array([self.seen.says(one.edge) for one in self.seen.edges])
+        missing = self.seen.expected - says @ self.weights + HIDDEN_DOUBT * len(self.hidden)
         return float(max(missing + max(self.chi2 - 1.0, 0.0) - EDGES_PER_NAT * self.behind, 0.0))
 
 
@@ -314,14 +314,14 @@ def _coverage(seen: SeenFace, lines: Sequence[FaceEdge], weights: FloatArray) ->
     parts = []
     for level_ones in (True, False) if upright > FAINT_UPRIGHT * level else (True,):
         visible = sum(
-            line.length * (1 - hidden_part(line.start[0], line.end[0], seen.hidden))
+            seen.says(line) * line.length * (1 - hidden_part(line.start[0], line.end[0], seen.hidden))
             for line in lines
-            if line.horizontal is level_ones and not seen.loaded(line)
+            if line.horizontal is level_ones
         )
         covered = sum(
-            one.edge.length * one.fit.coverage
+            seen.says(one.edge) * one.edge.length * one.fit.coverage
             for one, weight in zip(seen.edges, weights, strict=True)
-            if one.edge.horizontal is level_ones and weight > USED_WEIGHT and not seen.loaded(one.edge)
+            if one.edge.horizontal is level_ones and weight > USED_WEIGHT
         )
         parts.append(min(1.0, covered / visible) if visible > 0 else 0.0)
     return float(sum(parts) / 2)

@@ -26,6 +26,8 @@ CLEAR_COVERAGE = 0.5
 """Part of an edge that is seen where it is clear."""
 MOST_CLEAR = 0.7
 """Part of the edges that are clear in a good image: there, an edge that is not clear is not there."""
+BORDERING = 0.5
+"""How much the edge says that parts the face from the pallet's own side, which is of the same wood in another light."""
 END_PIXELS = 1.0
 """How many pixels of the image at each end of an edge are left out."""
 LEAST_REACH = 0.75
@@ -66,9 +68,8 @@ class SeenFace:
     """(3,) the camera's centre in the face's coordinates: right, up, towards the viewer, in metres."""
     edges: tuple[MeasuredEdge, ...]
     """The edges that are seen."""
-    expected: int
-    """How many edges the camera should see; without hidden ones, and from above without the upper one: a load may
-    begin there."""
+    expected: float
+    """How many edges the camera should see, each as much as it says; without hidden ones."""
     hidden: tuple[tuple[float, float], ...] = ()
     """Stretches of the face that something stands before: (left, right) in metres."""
     hidden_part: float = 0.0
@@ -76,9 +77,17 @@ class SeenFace:
 
     def loaded(self, edge: FaceEdge) -> bool:
         """Tell whether a load may begin at an edge: at the upper one, seen from above."""
-        if edge.kind is EdgeKind.SIDE:
-            return bool(self.plane_from_camera[0] * np.sign(edge.middle[0]) > abs(edge.middle[0]))
         return edge.kind is EdgeKind.TOP and bool(self.plane_from_camera[1] > edge.middle[1])
+
+    def borders_on_side(self, edge: FaceEdge) -> bool:
+        """Tell whether the pallet's own side begins at an edge: at the one towards a viewer who stands aside."""
+        return edge.kind is EdgeKind.SIDE and bool(self.plane_from_camera[0] * edge.outward[0] > abs(edge.middle[0]))
+
+    def says(self, edge: FaceEdge) -> float:
+        """Return how much it says whether an edge is seen, 0 to 1: less where what borders on it may look alike."""
+        if self.loaded(edge):
+            return 0.0
+        return BORDERING if self.borders_on_side(edge) else 1.0
 
     def width_px(self, width: float) -> float:
         """Return how wide a face of so many metres is in the image, in pixels; 0 where no upright edge is seen."""
@@ -166,7 +175,7 @@ def measure_face(
         if fit is not None and not is_hidden(line.whole, hidden)
     )
     seen = SeenFace(plane_from_camera, edges, 0, hidden, sum(right - left for left, right in hidden) / model.width)
-    expected = sum(not seen.loaded(line.whole) and not is_hidden(line.whole, hidden) for line in cuts.lines)
+    expected = sum(seen.says(line.whole) for line in cuts.lines if not is_hidden(line.whole, hidden))
     return replace(seen, expected=expected)
 
 

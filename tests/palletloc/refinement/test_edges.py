@@ -14,7 +14,7 @@ from palletloc.geometry import FloatArray, Image, LevelPose
 from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
 from palletloc.plane import PALLET_FROM_VERTICAL
-from palletloc.refinement.edges import EdgeReach, MeasuredEdge, SeenFace, measure_face
+from palletloc.refinement.edges import BORDERING, EdgeReach, MeasuredEdge, SeenFace, measure_face
 
 POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
 REACH = EdgeReach(0.012, 0.012, 1.5)
@@ -113,13 +113,26 @@ def test_from_below_the_lower_edge_is_not_measured(portrait: Portrait, t11: Pall
     seen = seen_at(portrait(t11, high), high, t11)
     assert seen is not None
     assert EdgeKind.BOTTOM not in {one.edge.kind for one in seen.edges}
-    assert seen.expected == len(face_lines(t11)) - 1
+    lines = [line.whole for line in face_lines(t11) if line.kind != EdgeKind.BOTTOM]
+    assert seen.expected == pytest.approx(sum(seen.says(line) for line in lines))
 
 
 def test_it_expects_every_line_but_a_loaded_one(portrait: Portrait, t11: PalletModel) -> None:
     seen = seen_at(portrait(t11, POSE), POSE, t11)
     assert seen is not None
-    assert seen.expected == len(face_lines(t11)) - 1
+    assert seen.expected == pytest.approx(len(face_lines(t11)) - 1 - (1 - BORDERING))
+
+
+@pytest.mark.parametrize(("aside", "bordering"), [(-1.5, "left"), (0.0, None), (0.5, None), (1.5, "right")])
+def test_a_pallets_own_side_begins_at_the_edge_towards_who_stands_aside(
+    portrait: Portrait, t11: PalletModel, aside: float, bordering: str | None
+) -> None:
+    seen = seen_at(portrait(t11, POSE), POSE, t11)
+    assert seen is not None
+    beside = replace(seen, plane_from_camera=np.array([aside, 1.0, 2.0]))
+    left, right = (line.whole for line in face_lines(t11) if line.kind is EdgeKind.SIDE)
+    assert [beside.borders_on_side(edge) for edge in (left, right)] == [bordering == "left", bordering == "right"]
+    assert {beside.says(left), beside.says(right)} == ({1.0} if bordering is None else {1.0, BORDERING})
 
 
 @pytest.mark.parametrize("x", [-0.8, 2.6, 40.0])

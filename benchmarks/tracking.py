@@ -22,8 +22,8 @@ from tracking.odometry import Odometry, OdometryNoise
 from tracking.replay import Look, Replay
 from tracking.tracker import PalletTracker
 
-REPEATS = 200
-"""How often a filter's step is done in one turn."""
+REPEATS = 100
+"""How many steps a filter does in one turn."""
 PALLETS, SHOTS, SAMPLES = 50, 30, 50
 """Tracks, shots and samples of odometry per second."""
 LATE = 0.1
@@ -49,7 +49,8 @@ def measure_tracking(rounds: int) -> list[Section]:
     """
     timings = take_turns(
         {
-            "step": _steps(),
+            "step": _steps(1),
+            "steps": _steps(PALLETS),
             "replay": _replay(),
             "together": _fleet(rounds + 1, together=True),
             "alone": _fleet(rounds + 1, together=False),
@@ -57,26 +58,30 @@ def measure_tracking(rounds: int) -> list[Section]:
         rounds,
     )
     rows = (
-        ("predict, gate and update", 1e6 * timings.median("step") / REPEATS, "us per track", 60.0),
+        ("predict, gate and update a track alone", 1e6 * timings.median("step") / REPEATS, "us per track", 60.0),
+        (f"the same of {PALLETS} at once", 1e6 * timings.median("steps") / REPEATS / PALLETS, "us per track", 60.0),
         ("replay of 2 s: 100 samples of odometry, 20 shots", 1e3 * timings.median("replay"), "ms", 3.0),
         (f"{PALLETS} tracks at {SHOTS} Hz, shot by shot", 100 * timings.median("together"), "% of a core", 15.0),
-        (f"{PALLETS} tracks at {SHOTS} Hz, one by one", 100 * timings.median("alone"), "% of a core", 45.0),
+        (f"{PALLETS} tracks at {SHOTS} Hz, one by one", 100 * timings.median("alone"), "% of a core", None),
     )
     return [Section("Tracking", _COLUMNS, rows, f"CPU time in one thread; medians of {rounds} rounds.")]
 
 
-def _steps() -> Callable[[], object]:
-    """Return steps of a filter's many tracks: a motion, the gate, and an update each."""
+def _steps(tracks: int) -> Callable[[], object]:
+    """Return steps of a filter's tracks, one after the other: a motion, the gate, and an update each."""
     engine, motion = PalletFilter(TrackerConfig()), OdometryNoise().moved(Twist(0.5, 0.0, 0.1), 0.033)
     (one,) = observe([_measurement(0.0, np.array([3.0, 2.0, 0.0, 1.5]))], TrackerConfig().errors)
     if not isinstance(one, Observation):
         raise one
-    states = [engine.begin(one)] * REPEATS
+    seen, ones = [one] * tracks, [1.0] * tracks
 
     def once() -> object:
-        moved = [it.state for it in engine.predicted(states, motion)]
-        engine.innovations(moved, [one] * REPEATS, [1.0] * REPEATS)
-        return [engine.updated(state, one) for state in moved]
+        states = [engine.begin(one)] * tracks
+        for _ in range(REPEATS):
+            states = [it.state for it in engine.predicted(states, motion)]
+            engine.innovations(states, seen, ones)
+            states = engine.updates(states, seen, ones, ones)
+        return states
 
     return once
 

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cached_property
 from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from palletloc.geometry import BoolArray, FloatArray
 from tracking.config import GateConfig
-from tracking.filter import COMMON, POSE, SIZE, Innovation, PalletFilter
+from tracking.filter import Innovation, PalletFilter
 from tracking.gate import chi_square_limit, covariance_scale
 from tracking.observation import Observation
+from tracking.state import COMMON
 from tracking.track import Track
 
 FORBIDDEN = 1e9
@@ -56,17 +59,28 @@ class Comparison:
         self.tracks = tuple(tracks)
         self._engine = engine
         self._config = config
-        self._models = np.array([track.model for track in tracks], dtype=object)
-        self._means = np.array([track.state.mean for track in tracks]).reshape(-1, SIZE)
-        self._scales = np.array([covariance_scale(track.ratios, config) for track in tracks])
-        self._shared = (self._means[:, COMMON] ** 2).sum(axis=1)
-        self._variances = np.array([track.state.covariance.diagonal()[:3].sum() for track in tracks])
         self._known: dict[str, dict[int, Pairing]] = {}
 
-    @property
-    def poses(self) -> FloatArray:
-        """(n, 4) poses of the tracks."""
-        return self._means[:, POSE]
+    @cached_property
+    def _scales(self) -> list[float]:
+        return [covariance_scale(track.ratios, self._config) for track in self.tracks]
+
+    @cached_property
+    def _models(self) -> NDArray[np.object_]:
+        return np.array([track.model for track in self.tracks], dtype=object)
+
+    @cached_property
+    def _places(self) -> FloatArray:
+        return np.array([track.state.mean[:3] for track in self.tracks]).reshape(-1, 3)
+
+    @cached_property
+    def _variances(self) -> FloatArray:
+        return np.array([_place_variance(track.state.covariance) for track in self.tracks])
+
+    @cached_property
+    def _shared(self) -> FloatArray:
+        means = np.array([track.state.mean for track in self.tracks])[:, COMMON]
+        return np.asarray((means**2).sum(axis=1))
 
     def pairings(self, observations: Sequence[Observation]) -> list[dict[int, Pairing]]:
         """Return for each observation how it compares with the tracks that it may belong to.
@@ -106,11 +120,12 @@ class Comparison:
             return [(one, j) for one in observations for j in self._possible_of(one)]
         possible, away = self._possible(observations)
         placed = np.array([one.place is not None and one.components[:3] == (0, 1, 2) for one in observations])
-        stated = np.array([one.covariance.diagonal()[:3].sum() for one in observations])
+        stated = np.array([_place_variance(one.covariance) for one in observations])
         shared = np.array([np.vdot(one.common, one.common) for one in observations])
         limits = np.array([self._limit(one) for one in observations])
-        moved = np.sqrt(shared[:, None] * (self._scales * self._shared))
-        spread = 2 * (self._variances + self._scales * stated[:, None])
+        scales = np.array(self._scales)
+        moved = np.sqrt(shared[:, None] * (scales * self._shared))
+        spread = 2 * (self._variances + scales * stated[:, None])
         near = possible & ((np.maximum(away - moved, 0.0) ** 2 <= limits[:, None] * spread) | ~placed[:, None])
         return [(observations[i], j) for i, j in zip(*(at.tolist() for at in np.nonzero(near)), strict=True)]
 
@@ -121,7 +136,7 @@ class Comparison:
         """
         placed = np.array([one.place is not None for one in observations])
         places = np.array([one.place or (0.0, 0.0, 0.0) for one in observations])
-        away = self._means[:, :3] - places[:, None]
+        away = self._places - places[:, None]
         distances = np.sqrt((away * away).sum(axis=2))
         alike = np.array([one.model for one in observations], dtype=object)[:, None] == self._models
         possible = alike.astype(np.bool_) & ((distances <= self._config.max_distance_m) | ~placed[:, None])
@@ -136,7 +151,7 @@ class Comparison:
         alike = [j for j, track in enumerate(self.tracks) if track.model == observation.model]
         if observation.place is None:
             return alike
-        away = {j: math.dist(self._means[j, :3].tolist(), observation.place) for j in alike}
+        away = {j: math.dist(self.tracks[j].state.mean[:3].tolist(), observation.place) for j in alike}
         possible = [j for j in alike if away[j] <= self._config.max_distance_m]
         if observation.components[:3] == (0, 1, 2) or not possible:
             return possible
@@ -149,12 +164,15 @@ class Comparison:
         for _, alike in groupby(pairs, key=lambda pair: pair[0].components):
             group = list(alike)
             observations = [one for one, _ in group]
-            states = [self.tracks[j].state for _, j in group]
-            scales = [float(self._scales[j]) for _, j in group]
+            scales = [self._scales[j] for _, j in group]
+            found = self._engine.innovations([self.tracks[j].state for _, j in group], observations, scales)
             limit = self._limit(observations[0])
-            found = self._engine.innovations(states, observations, scales)
             for (one, j), innovation, scale in zip(group, found, scales, strict=True):
                 self._known.setdefault(one.order, {})[j] = Pairing(innovation, scale, limit)
+
+
+def _place_variance(covariance: FloatArray) -> float:
+    return math.fsum(covariance.diagonal().tolist()[:3])
 
 
 def assign(comparison: Comparison, observations: Sequence[Observation]) -> dict[int, tuple[int, Pairing]]:

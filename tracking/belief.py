@@ -9,18 +9,21 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
 
-from tracking.assignment import FEW, Comparison, Pairing, assign
+from tracking.assignment import FEW, Comparison, assign
 from tracking.config import TrackerConfig
 from tracking.events import EventKind
-from tracking.filter import POSE, PalletFilter
+from tracking.filter import PalletFilter
 from tracking.footprint import Footprints, Standing
-from tracking.gate import chi_square_limit, huber_weight
+from tracking.gate import chi_square_limit
+from tracking.hits import Hit, tracks_after
 from tracking.motion import Motion
 from tracking.observation import ALL, Observation
+from tracking.state import POSE
 from tracking.track import Key, Rival, Track, floor_sigma
 
 
@@ -105,12 +108,15 @@ class Foreseen:
         """Tell whether it comes of just these."""
         return self._origin[0] is before and self._origin[1] is motion and self.time == time
 
-    def hit(self, track: int, observation: Observation, pairing: Pairing) -> Track:
-        """Return a track after a measurement of its own."""
-        pair = track, observation.order
-        if pair not in self._hits:
-            self._hits[pair] = _hit(self.comparison.tracks[track], observation, pairing, self.time, self._rules)
-        return self._hits[pair]
+    def hits(self, hits: Sequence[Hit]) -> list[Track]:
+        """Return tracks after a measurement of their own each."""
+        fresh = [hit for hit in hits if hit.pair not in self._hits]
+        for _, alike in groupby(fresh, key=lambda hit: hit.observation.components):
+            group = list(alike)
+            tracks = [self.comparison.tracks[hit.track] for hit in group]
+            after = tracks_after(tracks, group, self.time, self._rules.engine, self._rules.config)
+            self._hits |= zip((hit.pair for hit in group), after, strict=True)
+        return [self._hits[hit.pair] for hit in hits]
 
     def missed(self, track: int) -> Track:
         """Return a track after a shot in which it was not seen."""
@@ -181,10 +187,11 @@ def advance(foreseen: Foreseen, observations: Sequence[Observation], rules: Rule
     pairs = assign(comparison, observations)
     fates: dict[int, Fate] = {}
     tracks = list(comparison.tracks)
-    for i, (j, pairing) in pairs.items():
-        tracks[j] = foreseen.hit(j, observations[i], pairing)
-        fates[i] = Fate(EventKind.ACCEPTED, tracks[j].key, pairing.innovation.distance, pairing.limit)
-    for j in set(range(len(tracks))) - {j for j, _ in pairs.values()}:
+    hits = [Hit(j, observations[i], pairing) for i, (j, pairing) in pairs.items()]
+    for i, hit, track in zip(pairs, hits, foreseen.hits(hits), strict=True):
+        tracks[hit.track] = track
+        fates[i] = Fate(EventKind.ACCEPTED, track.key, hit.pairing.innovation.distance, hit.pairing.limit)
+    for j in set(range(len(tracks))) - {hit.track for hit in hits}:
         tracks[j] = foreseen.missed(j)
     renewed: list[Key] = []
     for i in sorted(set(range(len(observations))) - fates.keys()):
@@ -207,28 +214,6 @@ def _moved(tracks: Sequence[Track], motion: Motion, rules: Rules) -> list[Track]
     for (i, rival), predicted in zip(rivals.items(), found[len(tracks) :], strict=True):
         moved[i] = replace(moved[i], rival=replace(rival, state=predicted.state))
     return moved
-
-
-def _hit(track: Track, observation: Observation, pairing: Pairing, time: float, rules: Rules) -> Track:
-    """Return a track after a measurement of its own."""
-    gate, dof = rules.config.gate, len(observation.components)
-    distance = pairing.innovation.distance
-    ratios = track.ratios
-    if gate.adapt_over > 0:
-        ratios = (*ratios, pairing.scale * distance / dof)[-gate.adapt_over :]
-    weight = huber_weight(distance, dof, gate)
-    hits = track.hits + 1
-    return Track(
-        track.key,
-        track.model,
-        rules.engine.updated(track.state, observation, pairing.scale, weight),
-        time,
-        hits,
-        confirmed=track.confirmed or hits >= rules.config.life.confirm_hits,
-        nis=distance,
-        ratios=ratios,
-        predicted=track.predicted,
-    )
 
 
 def _left_over(
@@ -261,6 +246,8 @@ def _track_in_place(
     comparison: Comparison, observation: Observation, tracks: Sequence[Track], rules: Rules
 ) -> int | None:
     """Return the track in whose place an observation is that belongs to none: the nearest one."""
+    if not tracks:
+        return None
     if not observation.is_whole:
         return comparison.nearest(observation)
     found = Standing(observation.values, observation.covariance, observation.model)

@@ -1,14 +1,5 @@
 r"""The Kalman filter of one pallet.
 
-The state is the pallet's pose in the forklift frame with what errs alike in many steps:
-
-====== =========================================================================================
-0 - 3  x, y, z in metres and yaw in radians: ``forklift_from_pallet``
-4      the wheels' relative scale error
-5      the rate that the gyroscope misses, in rad/s
-6 - 9  the error that this pallet's measurements share, in units of its standard deviation
-====== =========================================================================================
-
 A motion :math:`(d, \theta)` of the forklift moves the pallet to :math:`p' = R(-\theta) (p - d)`, its yaw to
 :math:`\psi - \theta`. A measurement is :math:`z = p + L \beta + v` with :math:`L L^T` the shared part of its
 covariance and :math:`v` the rest: coloured noise by state augmentation (Bar-Shalom, Li, Kirubarajan, Estimation
@@ -18,33 +9,23 @@ with Applications to Tracking and Navigation, 2001, section 8.2).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
+from scipy.linalg.lapack import dgesv, dposv
 
 from palletloc.geometry import FloatArray, wrap_angle
+from tracking import stacked
 from tracking.config import TrackerConfig
 from tracking.motion import Motion
 from tracking.observation import YAW, Observation, picked
+from tracking.stacked import symmetric
+from tracking.state import COMMON, CONSTANTS, DIAGONAL, POSE, SIZE, Gaussian
 
-SIZE = 10
-"""Numbers in the state."""
-POSE, CONSTANTS, COMMON = slice(0, 4), slice(4, 6), slice(6, 10)
-"""Where its parts are."""
-_SHARED = np.array([0.0] * COMMON.start + [1.0] * 4)
-_CARRIED = 1.0 - _SHARED
-_ALL = np.arange(SIZE)
-
-
-class Gaussian(NamedTuple):
-    """What is known of a state."""
-
-    mean: FloatArray
-    """(10,) the state."""
-    covariance: FloatArray
-    """(10, 10) its covariance."""
+FEW = 4
+"""States up to which one by one is faster than all at once."""
 
 
 class Prediction(NamedTuple):
@@ -77,7 +58,8 @@ class MeasurementModel(NamedTuple):
 class PalletFilter(ExtendedKalmanFilter):
     """Extended Kalman filter of `filterpy` for a pallet seen from a moving forklift.
 
-    Without memory: every call gets a state and returns another one.
+    Without memory: every call gets a state and returns another one. `predict` is filterpy's; `update` is its
+    equations without what it keeps for others and without its general inverse, which take most of its time.
 
     Parameters
     ----------
@@ -106,62 +88,49 @@ class PalletFilter(ExtendedKalmanFilter):
 
     def predicted(self, states: Sequence[Gaussian], motion: Motion) -> list[Prediction]:
         """Return states after a motion of the forklift."""
-        if not states:
-            return []
-        steps = self.transitions(np.array([state.mean for state in states]), motion)
-        found = []
-        for state, *step in zip(states, *steps, strict=True):
-            self.x, self.P = state.mean, state.covariance
-            self.predict(step)
-            found.append(Prediction(Gaussian(self.x, _symmetric(self.P)), self.F))
+        alike, found = self._alike(motion), []
+        if len(states) > FEW:
+            x, P = _stacked(states)
+            F, Q, x = stacked.transitions(x, motion, *alike)
+            P = stacked.carried(P, F, Q)
+            return [Prediction(Gaussian(*state), by_state) for *state, by_state in zip(x, P, F, strict=True)]
+        for self.x, self.P in states:
+            self.predict((motion, *alike))
+            found.append(Prediction(Gaussian(self.x, symmetric(self.P)), self.F))
         return found
 
-    def predict_x(self, u: Sequence[FloatArray]) -> None:  # called by predict()
+    def predict_x(self, u: tuple[Motion, FloatArray, FloatArray]) -> None:  # called by predict()
         """Move the state, and set the matrices F and Q of that motion."""
-        self.F, self.Q, self.x = u
+        self.F, self.Q, self.x = _transition(self.x, *u)
 
-    def transitions(self, means: FloatArray, motion: Motion) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return what a motion does to states.
+    def transition(self, mean: FloatArray, motion: Motion) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return what a motion does to a state.
 
         Parameters
         ----------
-        means : (n, 10) array
-            The states before.
+        mean : (10,) array
+            The state before.
         motion : Motion
-            As odometry has it; the states' constants mend it.
+            As odometry has it; the state's constants mend it.
 
         Returns
         -------
-        F : (n, 10, 10) array
-            Derivatives by the states before.
-        Q : (n, 10, 10) array
-            Covariances of the motion's noise in the states after.
-        means : (n, 10) array
-            The states after.
+        F : (10, 10) array
+            Derivative by the state before.
+        Q : (10, 10) array
+            Covariance of the motion's noise in the state after.
+        mean : (10,) array
+            The state after.
         """
-        dx, dy, turn = motion.increment[:, None] + motion.constants @ means[:, CONSTANTS].T
-        cos, sin = np.cos(turn), np.sin(turn)
-        x, y = means[:, 0] - dx, means[:, 1] - dy
+        return _transition(mean, motion, *self._alike(motion))
+
+    def _alike(self, motion: Motion) -> tuple[FloatArray, FloatArray]:
+        """Return those parts of F and Q that are the same for all states."""
         stays = math.exp(-motion.path / self._common_path)
-        after = means.copy()
-        after[:, 0], after[:, 1] = cos * x + sin * y, cos * y - sin * x
-        after[:, YAW] = wrap_angle(means[:, YAW] - turn)
-        after[:, COMMON] *= stays
-        by_motion = np.zeros((len(means), 4, 3))
-        by_motion[:, 0, 0] = by_motion[:, 1, 1] = -cos
-        by_motion[:, 0, 1], by_motion[:, 1, 0] = -sin, sin
-        by_motion[:, 0, 2], by_motion[:, 1, 2] = after[:, 1], -after[:, 0]
-        by_motion[:, YAW, 2] = -1.0
-        F = np.zeros((len(means), SIZE, SIZE))
-        F[:, _ALL, _ALL] = _CARRIED + stays * _SHARED
-        F[:, 0, 0] = F[:, 1, 1] = cos
-        F[:, 0, 1], F[:, 1, 0] = sin, -sin
-        F[:, POSE, CONSTANTS] = by_motion @ motion.constants
-        Q = np.zeros_like(F)
-        Q[:, _ALL, _ALL] = (1 - stays**2) * _SHARED
-        Q[:, POSE, POSE] = by_motion @ motion.covariance @ by_motion.transpose(0, 2, 1)
-        Q[:, 2, 2] = self._floor**2 * motion.path
-        return F, Q, after
+        F, Q = np.zeros((SIZE, SIZE)), np.zeros((SIZE, SIZE))
+        F.flat[DIAGONAL] = [1.0] * COMMON.start + [stays] * 4
+        Q.flat[DIAGONAL] = [0.0, 0.0, self._floor**2 * motion.path, 0.0, 0.0, 0.0] + [1 - stays**2] * 4
+        return F, Q
 
     def model(self, observation: Observation, scale: float = 1.0) -> MeasurementModel:
         """Return how a state leads to a measurement.
@@ -175,43 +144,43 @@ class PalletFilter(ExtendedKalmanFilter):
         """
         H = np.zeros((len(observation.components), SIZE))
         H[:, POSE] = picked(observation.components)
-        H[:, COMMON] = math.sqrt(scale) * observation.common
+        H[:, COMMON] = observation.common
+        if scale == 1.0:
+            return MeasurementModel(H, observation.own)
+        H[:, COMMON] *= math.sqrt(scale)
         return MeasurementModel(H, scale * observation.own)
 
     def innovation(self, state: Gaussian, observation: Observation, scale: float = 1.0) -> Innovation:
-        """Return how far a measurement is from a state, before any update."""
-        return self.innovations([state], [observation], [scale])[0]
+        """Return how far a measurement is from a state, before any update.
+
+        Parameters
+        ----------
+        state : Gaussian
+            Before it.
+        observation : Observation
+            The measurement.
+        scale : float
+            Factor on its covariance.
+        """
+        H, R = self.model(observation, scale)
+        mean, P = state
+        S = H.dot(P).dot(H.T) + R
+        away = _residual(observation, observation.values, H.dot(mean))
+        root, solved, failed = dposv(S, away)
+        if failed:
+            raise np.linalg.LinAlgError("the innovation's covariance is not positive definite")
+        return Innovation(float(away.dot(solved)), 2 * math.log(math.prod(root.diagonal().tolist())))
 
     def innovations(
         self, states: Sequence[Gaussian], observations: Sequence[Observation], scales: Sequence[float]
     ) -> list[Innovation]:
-        """Return how far measurements are from states, before any update.
-
-        Parameters
-        ----------
-        states : sequence of Gaussian
-            One for each measurement.
-        observations : sequence of Observation
-            All with the same components.
-        scales : sequence of float
-            Factors on their covariances.
-        """
-        components = list(observations[0].components)
-        factor = np.array(scales)[:, None, None]
-        H = np.zeros((len(states), len(components), SIZE))
-        H[:, :, POSE] = picked(observations[0].components)
-        H[:, :, COMMON] = np.sqrt(factor) * np.array([one.common for one in observations])
-        P = np.array([state.covariance for state in states])
-        S = H @ P @ H.transpose(0, 2, 1) + factor * np.array([one.own for one in observations])
-        expected = (H @ np.array([state.mean for state in states])[:, :, None])[:, :, 0]
-        away = np.array([one.values for one in observations]) - expected
-        if components[-1] == YAW:
-            away[:, -1] = wrap_angle(away[:, -1])
-        roots = np.linalg.cholesky(S)
-        whitened = np.linalg.solve(roots, away[:, :, None])[:, :, 0]
-        distances = (whitened * whitened).sum(axis=1)
-        volumes = 2 * np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
-        return [Innovation(*pair) for pair in zip(distances.tolist(), volumes.tolist(), strict=True)]
+        """Return the same of many states and measurements, all with the same components."""
+        if len(states) <= FEW:
+            return [self.innovation(*one) for one in zip(states, observations, scales, strict=True)]
+        H, R = self._models(observations, scales)
+        x, P = _stacked(states)
+        found = stacked.distances(P, H, R, _all_away(observations, H, x))
+        return [Innovation(*pair) for pair in zip(*(one.tolist() for one in found), strict=True)]
 
     def updated(self, state: Gaussian, observation: Observation, scale: float = 1.0, weight: float = 1.0) -> Gaussian:
         """Return a state after a measurement.
@@ -228,29 +197,81 @@ class PalletFilter(ExtendedKalmanFilter):
             How much it counts, up to 1: a robust weight.
         """
         H, R = self.model(observation, scale)
-        R = R / weight
-        if not self._estimated:
-            return self._considered(state, observation, H, R)
-        self.x, self.P = state.mean, state.covariance
+        self.x, self.P = state
         self.update(
             observation.values,
             HJacobian=lambda _: H,
-            Hx=lambda mean: H @ mean,
-            R=R,
+            Hx=H.dot,
+            R=R if weight == 1.0 else R / weight,
             residual=lambda z, expected: _residual(observation, z, expected),
         )
         self.x[YAW] = wrap_angle(float(self.x[YAW]))
-        return Gaussian(self.x, _symmetric(self.P))
+        return Gaussian(self.x, symmetric(self.P))
 
-    def _considered(self, state: Gaussian, observation: Observation, H: FloatArray, R: FloatArray) -> Gaussian:
-        """Return the state after an update that leaves the odometry's constants alone: Schmidt's gain."""
-        mean, P = state
-        K = np.linalg.solve(H @ P @ H.T + R, H @ P).T
-        K[CONSTANTS] = 0.0
-        mean = mean + K @ _residual(observation, observation.values, H @ mean)
-        mean[YAW] = wrap_angle(float(mean[YAW]))
-        stays = np.eye(SIZE) - K @ H
-        return Gaussian(mean, _symmetric(stays @ P @ stays.T + K @ R @ K.T))
+    def updates(
+        self,
+        states: Sequence[Gaussian],
+        observations: Sequence[Observation],
+        scales: Sequence[float],
+        weights: Sequence[float],
+    ) -> list[Gaussian]:
+        """Return the same of many states and measurements, all with the same components."""
+        if len(states) <= FEW:
+            return [self.updated(*one) for one in zip(states, observations, scales, weights, strict=True)]
+        H, R = self._models(observations, scales)
+        x, P = _stacked(states)
+        R = R / np.array(weights)[:, None, None]
+        found = stacked.corrected(x, P, H, R, _all_away(observations, H, x), self._estimated)
+        return [Gaussian(*state) for state in zip(*found, strict=True)]
+
+    def _models(self, observations: Sequence[Observation], scales: Sequence[float]) -> tuple[FloatArray, FloatArray]:
+        H = np.zeros((len(observations), len(observations[0].components), SIZE))
+        H[:, :, POSE] = picked(observations[0].components)
+        factors = np.array(scales)[:, None, None]
+        H[:, :, COMMON] = np.sqrt(factors) * np.array([one.common for one in observations])
+        return H, factors * np.array([one.own for one in observations])
+
+    def update(
+        self,
+        z: FloatArray,
+        HJacobian: Callable[[FloatArray], FloatArray],
+        Hx: Callable[[FloatArray], FloatArray],
+        R: FloatArray,
+        residual: Callable[[FloatArray, FloatArray], FloatArray] = np.subtract,
+    ) -> None:
+        """Correct the state by a measurement, in Joseph's form.
+
+        Where the odometry's constants are not estimated, only allowed for, their rows of the gain are zero: Schmidt's
+        gain.
+        """
+        H = HJacobian(self.x)
+        self.y = residual(z, Hx(self.x))
+        of_state = H.dot(self.P)
+        self.S = of_state.dot(H.T) + R
+        self.K = dgesv(self.S, of_state)[2].T  # the same as by the inverse of S, which is symmetric
+        if not self._estimated:
+            self.K[CONSTANTS] = 0.0
+        self.x = self.x + self.K.dot(self.y)
+        stays = self._I - self.K.dot(H)
+        self.P = stays.dot(self.P).dot(stays.T) + self.K.dot(R).dot(self.K.T)
+
+
+def _transition(
+    mean: FloatArray, motion: Motion, F: FloatArray, Q: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return what a motion does to a state; F and Q come as they are alike for all states."""
+    dx, dy, turn = (motion.increment + motion.constants.dot(mean[CONSTANTS])).tolist()
+    x, y, z, yaw = mean[POSE].tolist()
+    cos, sin = math.cos(turn), math.sin(turn)
+    x, y = cos * (x - dx) + sin * (y - dy), cos * (y - dy) - sin * (x - dx)
+    by_motion = np.array(((-cos, -sin, y), (sin, -cos, -x), (0.0, 0.0, 0.0), (0.0, 0.0, -1.0)))
+    after = mean * F.diagonal()
+    after[POSE] = x, y, z, wrap_angle(yaw - turn)
+    F, Q = F.copy(), Q.copy()
+    F[:2, :2] = -by_motion[:2, :2]
+    F[POSE, CONSTANTS] = by_motion.dot(motion.constants)
+    Q[POSE, POSE] += by_motion.dot(motion.covariance).dot(by_motion.T)
+    return F, Q, after
 
 
 def _residual(observation: Observation, z: FloatArray, expected: FloatArray) -> FloatArray:
@@ -261,5 +282,13 @@ def _residual(observation: Observation, z: FloatArray, expected: FloatArray) -> 
     return away
 
 
-def _symmetric(matrix: FloatArray) -> FloatArray:
-    return (matrix + matrix.T) / 2
+def _stacked(states: Sequence[Gaussian]) -> tuple[FloatArray, FloatArray]:
+    return np.array([state.mean for state in states]), np.array([state.covariance for state in states])
+
+
+def _all_away(observations: Sequence[Observation], H: FloatArray, means: FloatArray) -> FloatArray:
+    """Return (n, k) innovations, angles the short way round."""
+    away = np.array([one.values for one in observations]) - (H @ means[:, :, None])[:, :, 0]
+    if observations[0].components[-1] == YAW:
+        away[:, -1] = wrap_angle(away[:, -1])
+    return away

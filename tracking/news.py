@@ -134,7 +134,8 @@ class News:
                     events.append(Event(EventKind.REJECTED, look.time, reason=reason, revised=True))
         oldest = replay.looks[0].time if replay.looks else final[-1].time
         self.renewed = {told for told in self.renewed if told[0] >= oldest}
-        self.names.keep(self._keys(replay))
+        if len(self.names.numbers) > len(replay.current.tracks):  # others than those that live now
+            self.names.keep(self._keys(replay))
         return events
 
     def _keys(self, replay: Replay) -> set[Key]:

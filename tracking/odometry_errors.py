@@ -20,7 +20,7 @@ import numpy as np
 
 from palletloc.geometry import FloatArray
 from tracking.config import TrackerConfig
-from tracking.filter import CONSTANTS, Gaussian
+from tracking.state import CONSTANTS, Gaussian
 
 ROUNDS = 30
 """Rounds of the search for the weights; each one comes closer."""

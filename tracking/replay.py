@@ -114,7 +114,8 @@ class Replay:
             return replace(waiting(before, len(look.observations)), via=tuple(via))
         if self._foreseen is None or not self._foreseen.serves(before, motion, look.time):
             self._foreseen = Foreseen(before, motion, look.time, self._rules)
-        return replace(advance(self._foreseen, look.observations, self._rules), via=tuple(via))
+        belief = advance(self._foreseen, look.observations, self._rules)
+        return replace(belief, via=tuple(via)) if via else belief
 
     def _carried(self, belief: Belief, until: float) -> list[Belief]:
         """Return the steps of a belief that is carried along while no shot comes: old odometry can then be dropped.

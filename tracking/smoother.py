@@ -25,10 +25,11 @@ import numpy as np
 
 from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 from tracking.config import TrackerConfig
-from tracking.filter import POSE, Gaussian, PalletFilter
+from tracking.filter import PalletFilter
 from tracking.history import Moment
 from tracking.observation import YAW
 from tracking.path import DrivenPath
+from tracking.state import POSE, Gaussian
 from tracking.track import Track
 
 LEAST_SHARE = 1e-12

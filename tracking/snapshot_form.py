@@ -17,11 +17,11 @@ from palletloc.measurement import PalletMeasurement, YawSource
 from palletloc.track_status import Status
 from tracking.config import TrackerConfig
 from tracking.events import EventKind
-from tracking.filter import Gaussian
 from tracking.motion import Twist
 from tracking.observation import Observation, PartialMeasurement, observe
 from tracking.odometry import Odometry, check_odometry
 from tracking.shot_taken import ShotTaken
+from tracking.state import Gaussian
 from tracking.track import Key, Rival, Track
 
 Input = Odometry | Observation | ShotTaken

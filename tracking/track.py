@@ -9,7 +9,8 @@ from typing import NamedTuple
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.track_status import Status
 from tracking.config import LifeConfig
-from tracking.filter import POSE, Gaussian, Prediction
+from tracking.filter import Prediction
+from tracking.state import POSE, Gaussian
 
 
 class Key(NamedTuple):

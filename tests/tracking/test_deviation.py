@@ -20,9 +20,9 @@ from palletloc.track_status import Status
 from palletloc.trajectory import Trajectory
 from tracking.deviation import track_deviations
 from tracking.figure import MOST_BESIDE, track_figure
-from tracking.filter import Gaussian
 from tracking.offline import ShotTracks, TrackedRecording
 from tracking.smoother import SmoothedState
+from tracking.state import Gaussian
 from tracking.track import Key, Track
 
 T11 = PalletModel("t11", 1.1, 0.144, 1.1, (Opening(0.0, 0.024, 0.29, 0.092),))

@@ -7,14 +7,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from filterpy.kalman import ExtendedKalmanFilter
 
 from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 from palletloc.measurement import PalletMeasurement, YawSource
 from tracking.config import MeasurementErrors, TrackerConfig
-from tracking.filter import COMMON, CONSTANTS, POSE, SIZE, Gaussian, PalletFilter
+from tracking.filter import PalletFilter
 from tracking.motion import Motion, Twist
 from tracking.observation import COMPONENTS, YAW, Observation, PartialMeasurement, observe
 from tracking.odometry import OdometryNoise
+from tracking.state import COMMON, CONSTANTS, POSE, SIZE, Gaussian
 
 CONFIG = TrackerConfig()
 NOISE = OdometryNoise()
@@ -109,14 +111,11 @@ def test_the_derivatives_of_a_step_are_those_of_finite_differences() -> None:
     motion, step = moved(rng), 1e-6
     for _ in range(20):
         x = np.array([4.0, -2.0, 0.3, 1.0, 0.01, 0.003, 0.5, -0.2, 1.0, 0.1]) * rng.uniform(0.5, 1.5, 10)
-        F, Q, after = (stack[0] for stack in engine.transitions(x[None], motion))
-        ends = [engine.transitions((x + e * step)[None], motion)[2][0] for e in (*np.eye(10), *-np.eye(10))]
+        F, Q, after = engine.transition(x, motion)
+        ends = [engine.transition(x + e * step, motion)[2] for e in (*np.eye(10), *-np.eye(10))]
         slopes = (np.array(ends[:10]) - np.array(ends[10:])).T / (2 * step)
         np.testing.assert_allclose(F, slopes, atol=1e-8)
-        noisy = [
-            engine.transitions(x[None], replace(motion, increment=motion.increment + e * step))[2][0]
-            for e in np.eye(3)
-        ]
+        noisy = [engine.transition(x, replace(motion, increment=motion.increment + e * step))[2] for e in np.eye(3)]
         G = (np.array(noisy) - after).T / step
         Q[2, 2] -= (1e-3 * NOISE.floor_mm_per_sqrt_m) ** 2 * motion.path
         np.testing.assert_allclose(Q[POSE, POSE], (G @ motion.covariance @ G.T)[POSE, POSE], atol=1e-10)
@@ -129,9 +128,48 @@ def test_many_states_move_as_each_would_alone() -> None:
     together = engine.predicted(states, motion)
     for state, found in zip(states, together, strict=True):
         (alone,) = engine.predicted([state], motion)
-        np.testing.assert_array_equal(found.state.mean, alone.state.mean)
-        np.testing.assert_array_equal(found.state.covariance, alone.state.covariance)
+        for one, other in zip((*found.state, found.F), (*alone.state, alone.F), strict=True):
+            np.testing.assert_allclose(one, other, rtol=0, atol=1e-14)
     assert engine.predicted([], motion) == []
+
+
+@pytest.mark.parametrize("config", [CONFIG, replace(CONFIG, estimate_odometry=False)])
+@pytest.mark.parametrize("parts", PARTS)
+def test_many_states_are_compared_and_updated_as_each_would_alone(
+    parts: tuple[str, ...], config: TrackerConfig
+) -> None:
+    rng = np.random.default_rng(5)
+    engine = PalletFilter(config)
+    scales, weights = rng.uniform(0.5, 4.0, 7).tolist(), rng.uniform(0.2, 1.0, 7).tolist()
+    poses = rng.normal(size=(7, 4)) + np.array([0, 0, 0, 3.1])
+    states = [
+        one.state
+        for pose in poses
+        for one in engine.predicted([engine.begin(seen(pose, covariance(rng, 4)))], moved(rng))
+    ]
+    observations = [seen(pose, covariance(rng, len(parts)), parts) for pose in poses + 0.05 * rng.normal(size=(7, 4))]
+    compared = engine.innovations(states, observations, scales)
+    updated = engine.updates(states, observations, scales, weights)
+    for i, case in enumerate(zip(states, observations, scales, strict=True)):
+        assert compared[i] == pytest.approx(engine.innovation(*case), rel=1e-9)
+        for one, other in zip(updated[i], engine.updated(*case, weights[i]), strict=True):
+            np.testing.assert_allclose(one, other, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("parts", PARTS)
+def test_an_update_is_that_of_filterpy(parts: tuple[str, ...]) -> None:
+    rng = np.random.default_rng(6)
+    engine, whole = PalletFilter(CONFIG), ExtendedKalmanFilter(dim_x=SIZE, dim_z=len(parts))
+    for _ in range(20):
+        pose = rng.normal(size=4)
+        (predicted,) = engine.predicted([engine.begin(seen(pose, covariance(rng, 4)))], moved(rng))
+        one = seen(pose + 0.02 * rng.normal(size=4), covariance(rng, len(parts)), parts)
+        H, R = engine.model(one)
+        whole.x, whole.P = predicted.state
+        whole.update(one.values, lambda _, H=H: H, lambda x, H=H: H @ x, R=R)
+        found = engine.updated(predicted.state, one)
+        np.testing.assert_allclose(found.mean, whole.x, rtol=0, atol=1e-10)
+        np.testing.assert_allclose(found.covariance, whole.P, rtol=0, atol=1e-10)
 
 
 @pytest.mark.parametrize("parts", PARTS)
@@ -241,7 +279,7 @@ def errors_of(engine: PalletFilter, rng: np.random.Generator, wrong: bool = Fals
         (predicted,) = engine.predicted([state], motion)
         state = predicted.state
         if wrong:
-            Q = engine.transitions(state.mean[None], motion)[1][0]
+            Q = engine.transition(state.mean, motion)[1]
             P = state.covariance - Q
             Q[:2, YAW] = Q[YAW, :2] = 0.0
             Q[:2, :2] = motion.covariance[:2, :2]

@@ -49,7 +49,7 @@ def test_where_there_is_room_the_shared_part_is_as_the_parameters_say_in_the_pal
     cos, sin = math.cos(POSE.yaw), math.sin(POSE.yaw)
     across = np.array([0.0, 1.0, 0.0, 0.0])
     np.testing.assert_allclose(one.common @ across, 0.0025 * np.array([-sin, cos, 0.0, 0.0]), atol=1e-15)
-    assert one.common[3, 3] == pytest.approx(math.radians(0.06))
+    assert one.common[3, 3] == pytest.approx(math.radians(0.1))
 
 
 def test_without_shared_errors_all_is_new(make_measurement: Any) -> None:

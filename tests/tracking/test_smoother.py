@@ -13,12 +13,13 @@ from scipy.stats import chi2
 from palletloc.geometry import FloatArray, LevelPose, level_pose, wrap_angle
 from palletloc.measurement import PalletMeasurement, YawSource
 from tracking.config import GateConfig, MeasurementErrors, TrackerConfig, WindowConfig
-from tracking.filter import POSE, Gaussian, PalletFilter, Prediction
+from tracking.filter import PalletFilter, Prediction
 from tracking.motion import Motion, Twist
 from tracking.observation import Observation, observe
 from tracking.odometry import Odometry, OdometryNoise
 from tracking.shot_taken import ShotTaken
 from tracking.smoother import SmoothedMoment, smoothed, smoothed_chain
+from tracking.state import POSE, Gaussian
 from tracking.track import Key, Track
 from tracking.tracker import Input, PalletTracker
 
@@ -201,7 +202,7 @@ def test_on_a_linear_way_it_is_the_least_squares_solution(errors_alike: Measurem
     covariance = np.zeros((count, size, count, size))
     mean[0], covariance[0, :, 0] = engine.begin(observations[0])
     for k, motion in enumerate(motions):
-        (F,), (Q,), (mean[k + 1],) = engine.transitions(mean[k : k + 1], motion)
+        F, Q, mean[k + 1] = engine.transition(mean[k], motion)
         for j in range(k + 1):
             covariance[k + 1, :, j] = F @ covariance[k, :, j]
             covariance[j, :, k + 1] = covariance[k + 1, :, j].T

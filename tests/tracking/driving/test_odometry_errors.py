@@ -9,8 +9,8 @@ import pytest
 
 from palletloc.geometry import LevelPose
 from tracking import Odometry, OdometryNoise, PalletTracker, TrackerConfig
-from tracking.filter import Gaussian
 from tracking.odometry_errors import odometry_errors
+from tracking.state import Gaussian
 
 PALLETS = (
     LevelPose(5.0, 2.0, 0.0, math.pi / 2),

@@ -7,17 +7,23 @@ import warnings
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from palletloc.cameras.double_sphere import DoubleSphere
 from palletloc.cameras.dual_fisheye import DualFisheye, FisheyeLens
 from palletloc.cameras.equirectangular import Equirectangular
+from palletloc.cameras.eucm import Eucm
 from palletloc.cameras.kannala_brandt import KannalaBrandt
+from palletloc.cameras.mei import Mei
 from palletloc.cameras.pinhole import Pinhole
 from palletloc.cameras.protocol import CameraModel
 from palletloc.io.schema import (
     CameraSpec,
+    DoubleSphereSpec,
     DualFisheyeSpec,
     EquirectangularSpec,
+    EucmSpec,
     KannalaBrandtSpec,
     LensSpec,
+    MeiSpec,
     PinholeSpec,
     Triple,
 )
@@ -37,9 +43,15 @@ def camera_from_spec(spec: CameraSpec) -> CameraModel:
         case EquirectangularSpec():
             return Equirectangular(spec.width, spec.height)
         case PinholeSpec():
-            return Pinhole(spec.width, spec.height, *spec.focal_px, *spec.center_px, *spec.distortion)
+            return Pinhole(*_whole(spec), *spec.distortion)
         case KannalaBrandtSpec():
             return _fisheye(spec, spec.width, spec.height)
+        case MeiSpec():
+            return Mei(*_whole(spec), spec.xi, *spec.distortion, max_angle=_radians(spec.max_angle_deg))
+        case DoubleSphereSpec():
+            return DoubleSphere(*_whole(spec), spec.xi, spec.alpha, max_angle=_radians(spec.max_angle_deg))
+        case EucmSpec():
+            return Eucm(*_whole(spec), spec.alpha, spec.beta, max_angle=_radians(spec.max_angle_deg))
         case DualFisheyeSpec():
             front, back = (
                 FisheyeLens(
@@ -51,6 +63,17 @@ def camera_from_spec(spec: CameraSpec) -> CameraModel:
             return DualFisheye(front, back)
 
 
+def _whole(
+    spec: PinholeSpec | MeiSpec | DoubleSphereSpec | EucmSpec,
+) -> tuple[int, int, float, float, float, float]:
+    """Return what all lenses begin with: the image's size, focal lengths and centre."""
+    return spec.width, spec.height, *spec.focal_px, *spec.center_px
+
+
+def _radians(angle_deg: float) -> float:
+    return float(np.radians(angle_deg))
+
+
 def _fisheye(spec: KannalaBrandtSpec | LensSpec, width: int, height: int) -> KannalaBrandt:
     return KannalaBrandt(
         width,
@@ -58,7 +81,7 @@ def _fisheye(spec: KannalaBrandtSpec | LensSpec, width: int, height: int) -> Kan
         *spec.focal_px,
         *spec.center_px,
         *spec.distortion,
-        max_angle=float(np.radians(spec.max_angle_deg)),
+        max_angle=_radians(spec.max_angle_deg),
     )
 
 
@@ -73,6 +96,8 @@ def spec_from_camera(camera: CameraModel) -> CameraSpec:
     match camera:
         case Equirectangular():
             return EquirectangularSpec(model="equirectangular", width=camera.width, height=camera.height)
+        case Mei() | DoubleSphere() | Eucm():
+            return _unified_spec(camera)
         case Pinhole():
             return PinholeSpec(
                 model="pinhole",
@@ -100,6 +125,22 @@ def spec_from_camera(camera: CameraModel) -> CameraSpec:
                 lenses=(_lens_spec(camera.front), _lens_spec(camera.back)),
             )
     raise ValueError(f"a camera of the kind {type(camera).__name__} has no form in files")
+
+
+def _unified_spec(camera: Mei | DoubleSphere | Eucm) -> CameraSpec:
+    size = {"width": camera.width, "height": camera.height}
+    lens = {"focal_px": (camera.fx, camera.fy), "center_px": (camera.cx, camera.cy)}
+    angle = degrees(camera.max_angle)
+    match camera:
+        case Mei():
+            terms = (camera.k1, camera.k2, camera.p1, camera.p2)
+            return MeiSpec(model="mei", **size, **lens, xi=camera.xi, distortion=terms, max_angle_deg=angle)
+        case DoubleSphere():
+            return DoubleSphereSpec(
+                model="double_sphere", **size, **lens, xi=camera.xi, alpha=camera.alpha, max_angle_deg=angle
+            )
+        case Eucm():
+            return EucmSpec(model="eucm", **size, **lens, alpha=camera.alpha, beta=camera.beta, max_angle_deg=angle)
 
 
 def _lens_spec(lens: FisheyeLens) -> LensSpec:

@@ -63,6 +63,49 @@ class PinholeSpec(Document):
     """k1, k2, p1, p2, k3, as OpenCV orders them."""
 
 
+class MeiSpec(Document):
+    """A wide camera in the unified model of Mei, with Brown's distortion."""
+
+    model: Literal["mei"]
+    width: Pixels
+    height: Pixels
+    focal_px: Focal
+    center_px: Pair
+    xi: Number
+    distortion: FourNumbers
+    """k1, k2, p1, p2."""
+    max_angle_deg: Angle
+    """How far off its axis the lens sees."""
+
+
+class DoubleSphereSpec(Document):
+    """A fisheye lens in the double sphere model."""
+
+    model: Literal["double_sphere"]
+    width: Pixels
+    height: Pixels
+    focal_px: Focal
+    center_px: Pair
+    xi: Number
+    alpha: Number
+    max_angle_deg: Angle
+    """How far off its axis the lens sees."""
+
+
+class EucmSpec(Document):
+    """A fisheye lens in the enhanced unified camera model."""
+
+    model: Literal["eucm"]
+    width: Pixels
+    height: Pixels
+    focal_px: Focal
+    center_px: Pair
+    alpha: Number
+    beta: Number
+    max_angle_deg: Angle
+    """How far off its axis the lens sees."""
+
+
 class LensSpec(Document):
     """One lens of a dual fisheye camera."""
 
@@ -87,7 +130,8 @@ class DualFisheyeSpec(Document):
 
 
 CameraSpec = Annotated[
-    EquirectangularSpec | KannalaBrandtSpec | PinholeSpec | DualFisheyeSpec, Field(discriminator="model")
+    EquirectangularSpec | KannalaBrandtSpec | MeiSpec | DoubleSphereSpec | EucmSpec | PinholeSpec | DualFisheyeSpec,
+    Field(discriminator="model"),
 ]
 """Any camera model, told apart by its key ``model``."""
 

@@ -9,6 +9,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
+from calibration.outcome import Outcome
 from palletloc.errors import PalletLocError
 
 app = typer.Typer(no_args_is_help=True, help="Calibrate the camera's mounting on the forklift; make targets.")
@@ -27,6 +28,11 @@ def extrinsics(
     progress = Console(stderr=True)
     with progress.status("reading") as status:
         outcome = calibrate_extrinsics(folder, out, status.update if progress.is_terminal else lambda _: None)
+    _conclude(outcome)
+
+
+def _conclude(outcome: Outcome) -> None:
+    """Print what a run did, and end with its exit code."""
     console = Console()
     for part in outcome.summary:
         console.print(part)
@@ -64,3 +70,23 @@ def board(
     console = Console()
     console.print(Text(f"written: {out}"), soft_wrap=True)
     console.print(Text("for extrinsics.yaml:\n" + target_yaml(target)), soft_wrap=True)
+
+
+@app.command("intrinsics")
+def intrinsics(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="With intrinsics.yaml, and shots or corners.")],
+    out: Annotated[Path, typer.Option(metavar="YAML", help="File for the camera; reports go beside it.")],
+    model: Annotated[
+        str, typer.Option(help="kannala_brandt, mei, double_sphere, eucm or pinhole.")
+    ] = "kannala_brandt",
+) -> None:
+    """Find the parameters of a lens, or of two, from shots of boards."""
+    from calibration.intrinsics.run import calibrate_intrinsics
+
+    if out.suffix.lower() not in (".yaml", ".yml"):
+        raise PalletLocError(f"--out {out}: expected the name of a .yaml file")
+    progress = Console(stderr=True)
+    with progress.status("reading") as status:
+        tell = status.update if progress.is_terminal else lambda _: None
+        outcome = calibrate_intrinsics(folder, model, out, tell)
+    _conclude(outcome)

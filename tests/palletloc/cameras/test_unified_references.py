@@ -128,15 +128,10 @@ def test_refuses_what_is_no_lens(kind: Any, shape: dict[str, float], message: st
 
 @pytest.mark.skipif(not ONE_LENS.is_dir(), reason="the calibrations are not there")
 def test_one_real_lens_is_the_same_in_three_models() -> None:
-    read = {
-        name: yaml.safe_load((ONE_LENS / f"{name}.yml").read_text())["parameter"] for name in ("DS", "EUCM", "KB")
-    }
-    start = {name: [one[key] for key in ("fx", "fy", "cx", "cy")] for name, one in read.items()}
-    cameras = [
-        DoubleSphere(752, 480, *start["DS"], read["DS"]["xi"], read["DS"]["alpha"]),
-        Eucm(752, 480, *start["EUCM"], read["EUCM"]["alpha"], read["EUCM"]["beta"]),
-        KannalaBrandt(752, 480, *start["KB"], *(read["KB"][f"k{i}"] for i in range(1, 5))),
-    ]
+    cameras: list[CameraModel] = []
+    for name, kind in (("DS", DoubleSphere), ("EUCM", Eucm), ("KB", KannalaBrandt)):
+        parameters: dict[str, Any] = yaml.safe_load((ONE_LENS / f"{name}.yml").read_text())["parameter"]
+        cameras.append(kind(752, 480, **parameters))
     u, v = np.meshgrid(np.arange(100, 650, 25.0), np.arange(50, 430, 25.0))
     rays = [camera.unproject(np.stack([u, v], axis=-1)).directions for camera in cameras]
     # Their centres differ by a pixel: up to a common rotation they agree to a few hundredths of a degree.

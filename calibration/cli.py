@@ -90,3 +90,29 @@ def intrinsics(
         tell = status.update if progress.is_terminal else lambda _: None
         outcome = calibrate_intrinsics(folder, model, out, tell)
     _conclude(outcome)
+
+
+@app.command("convert")
+def convert(
+    source: Annotated[Path, typer.Argument(metavar="IN", help="Camera file of any program.")],
+    to: Annotated[
+        str, typer.Option(metavar="FORMAT[/MODEL]", help="palletloc, kalibr, basalt, ros, opencv or ocam.")
+    ],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="File to write.")],
+    camera: Annotated[int | None, typer.Option(help="Which camera of several, from 0 on.")] = None,
+    max_angle_deg: Annotated[float, typer.Option(min=1.0, max=180.0, help="How far off axis counts.")] = 180.0,
+) -> None:
+    """Convert a camera file to the form of another program, or to another lens model."""
+    from math import degrees, radians
+
+    from calibration.formats.convert import convert as convert_file
+
+    done = convert_file(source, to, out, camera, radians(max_angle_deg))
+    console = Console()
+    console.print(Text(f"{done.source} -> {done.target}"))
+    for name, left in zip(done.names, done.differences, strict=False):
+        line = f"{name}: {left.rms:.3g} px rms, {left.largest:.3g} px at most"
+        console.print(Text(f"{line}, up to {degrees(left.max_angle):.1f} degrees off axis"), soft_wrap=True)
+        if left.unseen > 0:
+            typer.echo(f"palletloc: warning: {name}: {left.unseen:.1%} of its field is lost", err=True)
+    console.print(Text(f"written: {out}"), soft_wrap=True)

@@ -4,31 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from calibration.findings import Finding, Severity
+from calibration.formats.own import camera_text
 from calibration.intrinsics.assessment import unseen_corners
 from calibration.intrinsics.coverage import corner_rays
 from calibration.lenses.fit import LensFit
 from calibration.lenses.models import LensCamera
 from palletloc.cameras import CameraModel, DualFisheye, FisheyeLens, KannalaBrandt
 from palletloc.geometry import FloatArray
-from palletloc.io.camera_spec import spec_from_camera
-from palletloc.io.schema import CameraSpec
-from palletloc.io.yaml_document import Document, format_document
 
 _MARGIN = float(np.radians(1.0))
 _WIDE_MARGINS = tuple(float(np.radians(angle)) for angle in (20.0, 10.0, 5.0, 2.0, 0.0))
-
-
-class CameraSheet(Document):
-    """The file that a calibration of lenses writes."""
-
-    format: Literal[1]
-    camera: CameraSpec
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,7 +44,7 @@ class FittedCamera:
 
     def text(self) -> str:
         """Return the content of the file."""
-        return format_document(CameraSheet(format=1, camera=spec_from_camera(self.camera)))
+        return camera_text(self.camera)
 
 
 def fitted_camera(fit: LensFit, size: tuple[int, int], max_angle: float | None) -> FittedCamera | Finding:

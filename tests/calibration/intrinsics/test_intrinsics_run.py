@@ -11,6 +11,7 @@ import pytest
 import yaml
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from calibration.formats.own import CameraSheet
 from calibration.intrinsics.task import Chessboard
 from calibration.targets import CharucoBoard
 from palletloc.__main__ import COMMANDS
@@ -77,8 +78,6 @@ def calibrate(folder: Path, out: Path, model: str = "eucm") -> int:
 
 
 def written_camera(path: Path) -> CameraModel:
-    from calibration.intrinsics.result import CameraSheet
-
     return camera_from_spec(read_document(path, CameraSheet).camera)
 
 

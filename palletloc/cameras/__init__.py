@@ -8,6 +8,7 @@ from palletloc.cameras.kannala_brandt import KannalaBrandt
 from palletloc.cameras.mei import Mei
 from palletloc.cameras.pinhole import Pinhole
 from palletloc.cameras.protocol import CameraModel, Projection, Rays
+from palletloc.cameras.stitched_equirectangular import StitchedEquirectangular, StitchedLens
 
 __all__ = [
     "CameraModel",
@@ -21,4 +22,6 @@ __all__ = [
     "Pinhole",
     "Projection",
     "Rays",
+    "StitchedEquirectangular",
+    "StitchedLens",
 ]

@@ -15,6 +15,7 @@ from palletloc.cameras.kannala_brandt import KannalaBrandt
 from palletloc.cameras.mei import Mei
 from palletloc.cameras.pinhole import Pinhole
 from palletloc.cameras.protocol import CameraModel
+from palletloc.cameras.stitched_equirectangular import StitchedEquirectangular, StitchedLens
 from palletloc.io.schema import (
     CameraSpec,
     DoubleSphereSpec,
@@ -25,6 +26,8 @@ from palletloc.io.schema import (
     LensSpec,
     MeiSpec,
     PinholeSpec,
+    StitchedLensSpec,
+    StitchedSpec,
     Triple,
 )
 
@@ -61,6 +64,12 @@ def camera_from_spec(spec: CameraSpec) -> CameraModel:
                 for lens in spec.lenses
             )
             return DualFisheye(front, back)
+        case StitchedSpec():
+            return StitchedEquirectangular(spec.width, spec.height, *(_stitched_lens(lens) for lens in spec.lenses))
+
+
+def _stitched_lens(spec: StitchedLensSpec) -> StitchedLens:
+    return StitchedLens(transform_from_angles(spec.translation_m, spec.roll_pitch_yaw_deg), *spec.bend)
 
 
 def _whole(
@@ -124,6 +133,13 @@ def spec_from_camera(camera: CameraModel) -> CameraSpec:
                 height=camera.height,
                 lenses=(_lens_spec(camera.front), _lens_spec(camera.back)),
             )
+        case StitchedEquirectangular():
+            return StitchedSpec(
+                model="stitched_equirectangular",
+                width=camera.width,
+                height=camera.height,
+                lenses=(_stitched_lens_spec(camera.front), _stitched_lens_spec(camera.back)),
+            )
     raise ValueError(f"a camera of the kind {type(camera).__name__} has no form in files")
 
 
@@ -154,6 +170,11 @@ def _lens_spec(lens: FisheyeLens) -> LensSpec:
         translation_m=translation,
         roll_pitch_yaw_deg=angles,
     )
+
+
+def _stitched_lens_spec(lens: StitchedLens) -> StitchedLensSpec:
+    translation, angles = angles_from_transform(lens.camera_from_lens)
+    return StitchedLensSpec(translation_m=translation, roll_pitch_yaw_deg=angles, bend=(lens.k1, lens.k2))
 
 
 def transform_from_angles(translation_m: Triple, roll_pitch_yaw_deg: Triple) -> RigidTransform:

@@ -129,6 +129,27 @@ class DualFisheyeSpec(Document):
     lenses: Annotated[tuple[LensSpec, ...], Field(min_length=2, max_length=2)]
 
 
+class StitchedLensSpec(Document):
+    """One lens behind a stitched image."""
+
+    translation_m: Triple
+    """Its optical centre in the camera frame."""
+    roll_pitch_yaw_deg: Triple
+    """Its orientation there: R = Rz(yaw) Ry(pitch) Rx(roll); nominally no turn for the front lens, 180 of yaw for
+    the back one."""
+    bend: Pair
+    """k1, k2: what was at theta off its axis was stitched at theta (1 + k1 theta^2 + k2 theta^4)."""
+
+
+class StitchedSpec(Document):
+    """A stitched 360-degree image with the lenses behind it."""
+
+    model: Literal["stitched_equirectangular"]
+    width: Pixels
+    height: Pixels
+    lenses: Annotated[tuple[StitchedLensSpec, ...], Field(min_length=2, max_length=2)]
+
+
 CameraSpec = Annotated[
     EquirectangularSpec | KannalaBrandtSpec | MeiSpec | DoubleSphereSpec | EucmSpec | PinholeSpec | DualFisheyeSpec,
     Field(discriminator="model"),

@@ -18,6 +18,8 @@ from palletloc.cameras import (
     KannalaBrandt,
     Mei,
     Pinhole,
+    StitchedEquirectangular,
+    StitchedLens,
 )
 from palletloc.geometry import FloatArray
 
@@ -62,6 +64,14 @@ CAMERAS: dict[str, CameraModel] = {
         FisheyeLens(dual_lens(1300.0, 477.0), DUAL.back.camera_from_lens),
     ),
 }
+CAMERAS["stitched_dual"] = StitchedEquirectangular(
+    1280,
+    640,
+    StitchedLens(RigidTransform.from_components([0.02, 0.001, 0], Rotation.from_rotvec([0.004, -0.006, 0.003]))),
+    StitchedLens(
+        RigidTransform.from_components([-0.02, 0, 0.001], Rotation.from_euler("zx", [3.135, 0.01])), 0.01, -0.003
+    ),
+)
 CENTRAL = [name for name in CAMERAS if "dual" not in name]
 every_camera = pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS.keys())
 central_camera = pytest.mark.parametrize("camera", [CAMERAS[name] for name in CENTRAL], ids=CENTRAL)

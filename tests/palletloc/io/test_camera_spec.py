@@ -17,6 +17,7 @@ from palletloc.cameras.kannala_brandt import KannalaBrandt
 from palletloc.cameras.mei import Mei
 from palletloc.cameras.pinhole import Pinhole
 from palletloc.cameras.protocol import CameraModel
+from palletloc.cameras.stitched_equirectangular import StitchedEquirectangular, StitchedLens
 from palletloc.io.camera_spec import (
     angles_from_transform,
     camera_from_spec,
@@ -41,6 +42,12 @@ CAMERAS: list[CameraModel] = [
     DualFisheye(
         FisheyeLens(fisheye(449.5), transform_from_angles((0.02, 0.0, 0.001), (0.5, -0.25, 0.75))),
         FisheyeLens(fisheye(1349.5), transform_from_angles((-0.02, 0.0, 0.0), (1.0, 0.5, 179.5))),
+    ),
+    StitchedEquirectangular(
+        1920,
+        960,
+        StitchedLens(transform_from_angles((0.02, 0.0, 0.001), (0.5, -0.25, 0.75)), 0.01, -0.002),
+        StitchedLens(transform_from_angles((-0.02, 0.0, 0.0), (1.0, 0.5, 179.5))),
     ),
 ]
 

@@ -9,6 +9,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
+from calibration.outcome import Outcome
 from palletloc.errors import PalletLocError
 
 app = typer.Typer(no_args_is_help=True, help="Calibrate the camera's mounting on the forklift; make targets.")
@@ -27,6 +28,11 @@ def extrinsics(
     progress = Console(stderr=True)
     with progress.status("reading") as status:
         outcome = calibrate_extrinsics(folder, out, status.update if progress.is_terminal else lambda _: None)
+    _conclude(outcome)
+
+
+def _conclude(outcome: Outcome) -> None:
+    """Print what a run did, and end with its exit code."""
     console = Console()
     for part in outcome.summary:
         console.print(part)
@@ -64,3 +70,49 @@ def board(
     console = Console()
     console.print(Text(f"written: {out}"), soft_wrap=True)
     console.print(Text("for extrinsics.yaml:\n" + target_yaml(target)), soft_wrap=True)
+
+
+@app.command("intrinsics")
+def intrinsics(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="With intrinsics.yaml, and shots or corners.")],
+    out: Annotated[Path, typer.Option(metavar="YAML", help="File for the camera; reports go beside it.")],
+    model: Annotated[
+        str, typer.Option(help="kannala_brandt, mei, double_sphere, eucm or pinhole.")
+    ] = "kannala_brandt",
+) -> None:
+    """Find the parameters of a lens, or of two, from shots of boards."""
+    from calibration.intrinsics.run import calibrate_intrinsics
+
+    if out.suffix.lower() not in (".yaml", ".yml"):
+        raise PalletLocError(f"--out {out}: expected the name of a .yaml file")
+    progress = Console(stderr=True)
+    with progress.status("reading") as status:
+        tell = status.update if progress.is_terminal else lambda _: None
+        outcome = calibrate_intrinsics(folder, model, out, tell)
+    _conclude(outcome)
+
+
+@app.command("convert")
+def convert(
+    source: Annotated[Path, typer.Argument(metavar="IN", help="Camera file of any program.")],
+    to: Annotated[
+        str, typer.Option(metavar="FORMAT[/MODEL]", help="palletloc, kalibr, basalt, ros, opencv or ocam.")
+    ],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="File to write.")],
+    camera: Annotated[int | None, typer.Option(help="Which camera of several, from 0 on.")] = None,
+    max_angle_deg: Annotated[float, typer.Option(min=1.0, max=180.0, help="How far off axis counts.")] = 180.0,
+) -> None:
+    """Convert a camera file to the form of another program, or to another lens model."""
+    from math import degrees, radians
+
+    from calibration.formats.convert import convert as convert_file
+
+    done = convert_file(source, to, out, camera, radians(max_angle_deg))
+    console = Console()
+    console.print(Text(f"{done.source} -> {done.target}"))
+    for name, left in zip(done.names, done.differences, strict=False):
+        line = f"{name}: {left.rms:.3g} px rms, {left.largest:.3g} px at most"
+        console.print(Text(f"{line}, up to {degrees(left.max_angle):.1f} degrees off axis"), soft_wrap=True)
+        if left.unseen > 0:
+            typer.echo(f"palletloc: warning: {name}: {left.unseen:.1%} of its field is lost", err=True)
+    console.print(Text(f"written: {out}"), soft_wrap=True)

@@ -35,6 +35,18 @@ def check_lens(fx: float, fy: float, others: tuple[float, ...]) -> None:
         raise ValueError(f"lens parameters must be finite numbers, got {others}")
 
 
+def check_angle(max_angle: float) -> None:
+    """Refuse a largest angle off axis that is none.
+
+    Raises
+    ------
+    ValueError
+        If it is not in (0, pi].
+    """
+    if not 0 < max_angle <= math.pi:
+        raise ValueError(f"max_angle must be in (0, pi] radians, got {max_angle}")
+
+
 def inside_image(pixels: FloatArray, width: int, height: int) -> BoolArray:
     """Return which pixel coordinates lie on the image, whose outermost pixels end half a pixel further out.
 

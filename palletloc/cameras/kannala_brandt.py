@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from palletloc.cameras.image_area import blank_invalid, check_lens, check_size, inside_image
+from palletloc.cameras.image_area import blank_invalid, check_angle, check_lens, check_size, inside_image
 from palletloc.cameras.odd_polynomial import OddPolynomial
 from palletloc.cameras.protocol import Projection, Rays
 from palletloc.geometry import FloatArray
@@ -64,8 +64,7 @@ class KannalaBrandt:
         coefficients = (self.k1, self.k2, self.k3, self.k4)
         check_size(self.width, self.height)
         check_lens(self.fx, self.fy, (self.cx, self.cy, *coefficients, self.max_angle))
-        if not 0 < self.max_angle <= np.pi:
-            raise ValueError(f"max_angle must be in (0, pi] radians, got {self.max_angle}")
+        check_angle(self.max_angle)
         radius = OddPolynomial(coefficients)
         end = radius.increasing_until()
         if end <= self.max_angle:

@@ -7,18 +7,27 @@ import warnings
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from palletloc.cameras.double_sphere import DoubleSphere
 from palletloc.cameras.dual_fisheye import DualFisheye, FisheyeLens
 from palletloc.cameras.equirectangular import Equirectangular
+from palletloc.cameras.eucm import Eucm
 from palletloc.cameras.kannala_brandt import KannalaBrandt
+from palletloc.cameras.mei import Mei
 from palletloc.cameras.pinhole import Pinhole
 from palletloc.cameras.protocol import CameraModel
+from palletloc.cameras.stitched_equirectangular import StitchedEquirectangular, StitchedLens
 from palletloc.io.schema import (
     CameraSpec,
+    DoubleSphereSpec,
     DualFisheyeSpec,
     EquirectangularSpec,
+    EucmSpec,
     KannalaBrandtSpec,
     LensSpec,
+    MeiSpec,
     PinholeSpec,
+    StitchedLensSpec,
+    StitchedSpec,
     Triple,
 )
 
@@ -37,9 +46,15 @@ def camera_from_spec(spec: CameraSpec) -> CameraModel:
         case EquirectangularSpec():
             return Equirectangular(spec.width, spec.height)
         case PinholeSpec():
-            return Pinhole(spec.width, spec.height, *spec.focal_px, *spec.center_px, *spec.distortion)
+            return Pinhole(*_whole(spec), *spec.distortion)
         case KannalaBrandtSpec():
             return _fisheye(spec, spec.width, spec.height)
+        case MeiSpec():
+            return Mei(*_whole(spec), spec.xi, *spec.distortion, max_angle=_radians(spec.max_angle_deg))
+        case DoubleSphereSpec():
+            return DoubleSphere(*_whole(spec), spec.xi, spec.alpha, max_angle=_radians(spec.max_angle_deg))
+        case EucmSpec():
+            return Eucm(*_whole(spec), spec.alpha, spec.beta, max_angle=_radians(spec.max_angle_deg))
         case DualFisheyeSpec():
             front, back = (
                 FisheyeLens(
@@ -49,6 +64,23 @@ def camera_from_spec(spec: CameraSpec) -> CameraModel:
                 for lens in spec.lenses
             )
             return DualFisheye(front, back)
+        case StitchedSpec():
+            return StitchedEquirectangular(spec.width, spec.height, *(_stitched_lens(lens) for lens in spec.lenses))
+
+
+def _stitched_lens(spec: StitchedLensSpec) -> StitchedLens:
+    return StitchedLens(transform_from_angles(spec.translation_m, spec.roll_pitch_yaw_deg), *spec.bend)
+
+
+def _whole(
+    spec: PinholeSpec | MeiSpec | DoubleSphereSpec | EucmSpec,
+) -> tuple[int, int, float, float, float, float]:
+    """Return what all lenses begin with: the image's size, focal lengths and centre."""
+    return spec.width, spec.height, *spec.focal_px, *spec.center_px
+
+
+def _radians(angle_deg: float) -> float:
+    return float(np.radians(angle_deg))
 
 
 def _fisheye(spec: KannalaBrandtSpec | LensSpec, width: int, height: int) -> KannalaBrandt:
@@ -58,7 +90,7 @@ def _fisheye(spec: KannalaBrandtSpec | LensSpec, width: int, height: int) -> Kan
         *spec.focal_px,
         *spec.center_px,
         *spec.distortion,
-        max_angle=float(np.radians(spec.max_angle_deg)),
+        max_angle=_radians(spec.max_angle_deg),
     )
 
 
@@ -73,6 +105,8 @@ def spec_from_camera(camera: CameraModel) -> CameraSpec:
     match camera:
         case Equirectangular():
             return EquirectangularSpec(model="equirectangular", width=camera.width, height=camera.height)
+        case Mei() | DoubleSphere() | Eucm():
+            return _unified_spec(camera)
         case Pinhole():
             return PinholeSpec(
                 model="pinhole",
@@ -99,7 +133,30 @@ def spec_from_camera(camera: CameraModel) -> CameraSpec:
                 height=camera.height,
                 lenses=(_lens_spec(camera.front), _lens_spec(camera.back)),
             )
+        case StitchedEquirectangular():
+            return StitchedSpec(
+                model="stitched_equirectangular",
+                width=camera.width,
+                height=camera.height,
+                lenses=(_stitched_lens_spec(camera.front), _stitched_lens_spec(camera.back)),
+            )
     raise ValueError(f"a camera of the kind {type(camera).__name__} has no form in files")
+
+
+def _unified_spec(camera: Mei | DoubleSphere | Eucm) -> CameraSpec:
+    size = {"width": camera.width, "height": camera.height}
+    lens = {"focal_px": (camera.fx, camera.fy), "center_px": (camera.cx, camera.cy)}
+    angle = degrees(camera.max_angle)
+    match camera:
+        case Mei():
+            terms = (camera.k1, camera.k2, camera.p1, camera.p2)
+            return MeiSpec(model="mei", **size, **lens, xi=camera.xi, distortion=terms, max_angle_deg=angle)
+        case DoubleSphere():
+            return DoubleSphereSpec(
+                model="double_sphere", **size, **lens, xi=camera.xi, alpha=camera.alpha, max_angle_deg=angle
+            )
+        case Eucm():
+            return EucmSpec(model="eucm", **size, **lens, alpha=camera.alpha, beta=camera.beta, max_angle_deg=angle)
 
 
 def _lens_spec(lens: FisheyeLens) -> LensSpec:
@@ -113,6 +170,11 @@ def _lens_spec(lens: FisheyeLens) -> LensSpec:
         translation_m=translation,
         roll_pitch_yaw_deg=angles,
     )
+
+
+def _stitched_lens_spec(lens: StitchedLens) -> StitchedLensSpec:
+    translation, angles = angles_from_transform(lens.camera_from_lens)
+    return StitchedLensSpec(translation_m=translation, roll_pitch_yaw_deg=angles, bend=(lens.k1, lens.k2))
 
 
 def transform_from_angles(translation_m: Triple, roll_pitch_yaw_deg: Triple) -> RigidTransform:

@@ -63,6 +63,49 @@ class PinholeSpec(Document):
     """k1, k2, p1, p2, k3, as OpenCV orders them."""
 
 
+class MeiSpec(Document):
+    """A wide camera in the unified model of Mei, with Brown's distortion."""
+
+    model: Literal["mei"]
+    width: Pixels
+    height: Pixels
+    focal_px: Focal
+    center_px: Pair
+    xi: Number
+    distortion: FourNumbers
+    """k1, k2, p1, p2."""
+    max_angle_deg: Angle
+    """How far off its axis the lens sees."""
+
+
+class DoubleSphereSpec(Document):
+    """A fisheye lens in the double sphere model."""
+
+    model: Literal["double_sphere"]
+    width: Pixels
+    height: Pixels
+    focal_px: Focal
+    center_px: Pair
+    xi: Number
+    alpha: Number
+    max_angle_deg: Angle
+    """How far off its axis the lens sees."""
+
+
+class EucmSpec(Document):
+    """A fisheye lens in the enhanced unified camera model."""
+
+    model: Literal["eucm"]
+    width: Pixels
+    height: Pixels
+    focal_px: Focal
+    center_px: Pair
+    alpha: Number
+    beta: Number
+    max_angle_deg: Angle
+    """How far off its axis the lens sees."""
+
+
 class LensSpec(Document):
     """One lens of a dual fisheye camera."""
 
@@ -86,8 +129,30 @@ class DualFisheyeSpec(Document):
     lenses: Annotated[tuple[LensSpec, ...], Field(min_length=2, max_length=2)]
 
 
+class StitchedLensSpec(Document):
+    """One lens behind a stitched image."""
+
+    translation_m: Triple
+    """Its optical centre in the camera frame."""
+    roll_pitch_yaw_deg: Triple
+    """Its orientation there: R = Rz(yaw) Ry(pitch) Rx(roll); nominally no turn for the front lens, 180 of yaw for
+    the back one."""
+    bend: Pair
+    """k1, k2: what was at theta off its axis was stitched at theta (1 + k1 theta^2 + k2 theta^4)."""
+
+
+class StitchedSpec(Document):
+    """A stitched 360-degree image with the lenses behind it."""
+
+    model: Literal["stitched_equirectangular"]
+    width: Pixels
+    height: Pixels
+    lenses: Annotated[tuple[StitchedLensSpec, ...], Field(min_length=2, max_length=2)]
+
+
 CameraSpec = Annotated[
-    EquirectangularSpec | KannalaBrandtSpec | PinholeSpec | DualFisheyeSpec, Field(discriminator="model")
+    EquirectangularSpec | KannalaBrandtSpec | MeiSpec | DoubleSphereSpec | EucmSpec | PinholeSpec | DualFisheyeSpec,
+    Field(discriminator="model"),
 ]
 """Any camera model, told apart by its key ``model``."""
 

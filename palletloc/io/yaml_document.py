@@ -118,7 +118,26 @@ def read_document(path: Path, schema: type[_Document]) -> _Document:
     DocumentError
         If it is not yaml or does not hold what the schema says; names the line or the key.
     """
-    content = _load(path)
+    return checked_document(path, _load(path), schema)
+
+
+def checked_document(path: Path, content: Any, schema: type[_Document]) -> _Document:
+    """Check what a yaml file holds.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for errors.
+    content : any
+        What was read from it.
+    schema : type of Document
+        What it must hold.
+
+    Raises
+    ------
+    DocumentError
+        If it does not hold what the schema says; names the key.
+    """
     if not isinstance(content, dict):
         keys = ", ".join(schema.model_fields)
         raise DocumentError(f"{path}: expected the keys {keys}, got {shortened(content)}")

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from calibration.intrinsics.task import Chessboard
 from calibration.simulated_yard import Yard, YardErrors, boards_around, simulate_yard
 from calibration.targets import CharucoBoard, SingleTag, marker_dictionary, patterns
 from palletloc.cameras import CameraModel
@@ -16,7 +17,8 @@ from palletloc.geometry import FloatArray, Image
 
 AROUND = (0.4, 1.3, 2.6, -0.6, -1.4, -2.5)
 USUAL = YardErrors()
-Hung = tuple[CharucoBoard | SingleTag, RigidTransform]
+Printed = CharucoBoard | SingleTag | Chessboard
+Hung = tuple[Printed, RigidTransform]
 
 
 @pytest.fixture(scope="session")
@@ -42,8 +44,15 @@ def yard(forklift_from_camera: RigidTransform) -> Callable[..., Yard]:
     return draw
 
 
-def print_of(target: CharucoBoard | SingleTag, *, legacy: bool = False) -> tuple[FloatArray, float]:
-    """Return OpenCV's own picture of a target, 0 black to 1 white, and its width in metres."""
+def print_of(target: Printed, *, legacy: bool = False) -> tuple[FloatArray, float]:
+    """Return OpenCV's own picture of a target, 0 black to 1 white, and its width in metres.
+
+    Of a plain chessboard our own.
+    """
+    if isinstance(target, Chessboard):
+        row, column = np.indices((target.rows + 1, target.columns + 1))
+        squares = (row + column) % 2.0
+        return np.kron(squares, np.ones((48, 48))), (target.columns + 1) * target.square
     dictionary = marker_dictionary(target.dictionary)
     if isinstance(target, SingleTag):
         picture = dictionary.generateImageMarker(target.id, 20 * (dictionary.markerSize + 2))

@@ -10,11 +10,16 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from palletloc.cameras import (
     CameraModel,
+    DoubleSphere,
     DualFisheye,
     Equirectangular,
+    Eucm,
     FisheyeLens,
     KannalaBrandt,
+    Mei,
     Pinhole,
+    StitchedEquirectangular,
+    StitchedLens,
 )
 from palletloc.geometry import FloatArray
 
@@ -40,6 +45,15 @@ CAMERAS: dict[str, CameraModel] = {
     "equirectangular": Equirectangular(1920, 960),
     "fisheye": KannalaBrandt(1000, 960, 255.0, 257.0, 498.0, 483.0, **FISHEYE_TERMS, max_angle=np.radians(110.0)),
     "equidistant_full_sphere": KannalaBrandt(900, 900, 140.0, 140.0, 449.5, 449.5, max_angle=np.pi),
+    "mei": Mei(1280, 960, 409.0, 410.5, 630.3, 431.9, 1.053, -0.0083, 0.0118, 0.0228, -0.0042, np.radians(105.0)),
+    "mei_mirror": Mei(800, 800, 620.0, 618.0, 402.0, 399.0, 2.4, -0.15, 0.04, 0.001, -0.002, np.radians(110.0)),
+    "mei_perspective": Mei(640, 480, 300.0, 310.0, 322.0, 236.5, 0.0, -0.1, 0.01, 0.001, 0.0005),
+    "double_sphere": DoubleSphere(752, 480, 210.0, 211.0, 365.8, 249.4, -0.24, 0.566, np.radians(110.0)),
+    "double_sphere_folding": DoubleSphere(1000, 900, 260.0, 262.0, 498.0, 452.0, 0.3, 0.62),
+    "double_sphere_rim": DoubleSphere(700, 700, 300.0, 300.0, 350.0, 350.0, 1.3, 0.2),
+    "eucm": Eucm(752, 480, 210.0, 211.0, 365.8, 248.9, 0.586, 1.139, np.radians(105.0)),
+    "eucm_folding": Eucm(1000, 960, 240.0, 242.0, 498.0, 483.0, 0.66, 0.9),
+    "eucm_narrow": Eucm(640, 480, 280.0, 282.0, 318.0, 242.0, 0.3, 1.4),
     "pinhole": Pinhole(640, 480, 300.0, 310.0, 322.0, 236.5),
     "brown": Pinhole(800, 600, 520.0, 525.0, 405.0, 296.0, **BROWN_TERMS),
     "brown_folding": Pinhole(800, 600, 300.0, 300.0, 405.0, 296.0, k1=-0.25, p1=0.01, p2=-0.008),
@@ -50,6 +64,14 @@ CAMERAS: dict[str, CameraModel] = {
         FisheyeLens(dual_lens(1300.0, 477.0), DUAL.back.camera_from_lens),
     ),
 }
+CAMERAS["stitched_dual"] = StitchedEquirectangular(
+    1280,
+    640,
+    StitchedLens(RigidTransform.from_components([0.02, 0.001, 0], Rotation.from_rotvec([0.004, -0.006, 0.003]))),
+    StitchedLens(
+        RigidTransform.from_components([-0.02, 0, 0.001], Rotation.from_euler("zx", [3.135, 0.01])), 0.01, -0.003
+    ),
+)
 CENTRAL = [name for name in CAMERAS if "dual" not in name]
 every_camera = pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS.keys())
 central_camera = pytest.mark.parametrize("camera", [CAMERAS[name] for name in CENTRAL], ids=CENTRAL)
@@ -236,7 +258,7 @@ def test_right_and_down_in_the_image_are_right_and_down_in_the_world(camera: Cam
 
 @central_camera
 def test_the_optical_axis_hits_the_stated_centre(camera: CameraModel) -> None:
-    if isinstance(camera, KannalaBrandt | Pinhole):
+    if isinstance(camera, KannalaBrandt | Pinhole | Mei | DoubleSphere | Eucm):
         centre = [camera.cx, camera.cy]
     else:
         centre = [(camera.width - 1) / 2, (camera.height - 1) / 2]

@@ -9,11 +9,15 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from palletloc.cameras.double_sphere import DoubleSphere
 from palletloc.cameras.dual_fisheye import DualFisheye, FisheyeLens
 from palletloc.cameras.equirectangular import Equirectangular
+from palletloc.cameras.eucm import Eucm
 from palletloc.cameras.kannala_brandt import KannalaBrandt
+from palletloc.cameras.mei import Mei
 from palletloc.cameras.pinhole import Pinhole
 from palletloc.cameras.protocol import CameraModel
+from palletloc.cameras.stitched_equirectangular import StitchedEquirectangular, StitchedLens
 from palletloc.io.camera_spec import (
     angles_from_transform,
     camera_from_spec,
@@ -32,9 +36,18 @@ CAMERAS: list[CameraModel] = [
     Equirectangular(3840, 1920),
     Pinhole(640, 480, 500.0, 501.0, 320.5, 241.0, -0.1, 0.02, 1e-3, -2e-3, 3e-4),
     fisheye(449.5),
+    Mei(1280, 960, 409.0, 410.5, 630.3, 431.9, 1.053, -0.0083, 0.0118, 0.0228, -0.0042, np.radians(105.0)),
+    DoubleSphere(752, 480, 210.0, 211.0, 365.8, 249.4, -0.24, 0.566, np.radians(110.0)),
+    Eucm(752, 480, 210.0, 211.0, 365.8, 248.9, 0.586, 1.139, np.radians(105.0)),
     DualFisheye(
         FisheyeLens(fisheye(449.5), transform_from_angles((0.02, 0.0, 0.001), (0.5, -0.25, 0.75))),
         FisheyeLens(fisheye(1349.5), transform_from_angles((-0.02, 0.0, 0.0), (1.0, 0.5, 179.5))),
+    ),
+    StitchedEquirectangular(
+        1920,
+        960,
+        StitchedLens(transform_from_angles((0.02, 0.0, 0.001), (0.5, -0.25, 0.75)), 0.01, -0.002),
+        StitchedLens(transform_from_angles((-0.02, 0.0, 0.0), (1.0, 0.5, 179.5))),
     ),
 ]
 

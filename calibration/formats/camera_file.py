@@ -1,0 +1,127 @@
+"""What a camera file holds: one camera or several, with their places against the first."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from calibration.formats.fields import Fields, FormatError
+from calibration.lenses.models import OPTICAL_FROM_CAMERA
+from palletloc.cameras import CameraModel, DualFisheye, FisheyeLens, KannalaBrandt
+from palletloc.geometry import FloatArray
+
+_RIGID = 1e-3
+_OPTICAL = RigidTransform.from_rotation(Rotation.from_matrix(OPTICAL_FROM_CAMERA))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FiledCamera:
+    """One of the cameras."""
+
+    name: str
+    """As the file has it."""
+    camera: CameraModel
+    """How it images."""
+    first_from_camera: RigidTransform
+    """Where it is in the first camera's frame; both frames x forward, y left, z up."""
+
+
+def alone(name: str, camera: CameraModel) -> FiledCamera:
+    """Return a camera that is the only one."""
+    return FiledCamera(name, camera, RigidTransform.identity())
+
+
+def built(fields: Fields, build: Callable[[], CameraModel]) -> CameraModel:
+    """Return what a constructor builds.
+
+    Raises
+    ------
+    FormatError
+        If the numbers describe no camera; names file and key.
+    """
+    try:
+        return build()
+    except ValueError as error:
+        where = f"{fields.path}: {fields.place}: " if fields.place else f"{fields.path}: "
+        raise FormatError(f"{where}{error}") from None
+
+
+def fisheye(fields: Fields, size: tuple[int, int], lens: Sequence[float], terms: Sequence[float]) -> CameraModel:
+    """Return a Kannala-Brandt lens that sees as far as its own polynomial rises.
+
+    Parameters
+    ----------
+    fields : Fields
+        Where it stands, for errors.
+    size : (int, int)
+        Width and height of the image, in pixels.
+    lens : sequence of float
+        fx, fy, cx, cy.
+    terms : sequence of float
+        k1, k2, k3, k4.
+    """
+    fx, fy, cx, cy = lens
+    angles = np.linspace(0, np.pi, 2000)
+    radii = angles + (angles[:, None] ** np.array([3, 5, 7, 9])) @ np.array(terms)
+    falls = np.flatnonzero(np.diff(radii) <= 1e-4 * angles[1])
+    rises = angles[falls[0]] * 0.999 if falls.size else np.pi
+    corners = np.array([(u, v) for u in (-0.5, size[0] - 0.5) for v in (-0.5, size[1] - 0.5)])
+    farthest = float(np.linalg.norm((corners - (cx, cy)) / (fx, fy), axis=-1).max()) if fx > 0 and fy > 0 else 0.0
+    shown = float(angles[min(int(np.searchsorted(np.maximum.accumulate(radii), farthest)), len(angles) - 1)])
+    limit = float(min(rises, shown)) or np.pi / 2
+    k1, k2, k3, k4 = terms
+    return built(fields, lambda: KannalaBrandt(*size, fx, fy, cx, cy, k1, k2, k3, k4, limit))
+
+
+def optical(first_from_camera: RigidTransform) -> FloatArray:
+    """Return a transform between camera frames as a matrix between optical ones (right, down, forward)."""
+    return np.asarray((_OPTICAL * first_from_camera * _OPTICAL.inv()).as_matrix())
+
+
+def from_optical(fields: Fields, matrix: FloatArray) -> RigidTransform:
+    """Return a matrix between optical frames as a transform between camera frames.
+
+    Raises
+    ------
+    FormatError
+        If it is no rotation with a translation.
+    """
+    turn = matrix[:3, :3]
+    if (
+        np.abs(turn @ turn.T - np.eye(3)).max() > _RIGID
+        or np.linalg.det(turn) < 0
+        or np.abs(matrix[3] - [0, 0, 0, 1]).max() > _RIGID
+    ):
+        raise fields.fault("a rotation with a translation")
+    transform = RigidTransform.from_components(matrix[:3, 3], Rotation.from_matrix(turn))
+    return _OPTICAL.inv() * transform * _OPTICAL
+
+
+def as_cameras(camera: CameraModel, name: str) -> list[FiledCamera]:
+    """Return a camera as files of other programs have it: each lens on its own."""
+    if not isinstance(camera, DualFisheye):
+        return [alone(name, camera)]
+    front, back = camera.front, camera.back
+    between = front.camera_from_lens.inv() * back.camera_from_lens
+    return [alone(f"{name}0", front.model), FiledCamera(f"{name}1", back.model, between)]
+
+
+def side_by_side(first: FiledCamera, second: FiledCamera) -> DualFisheye | None:
+    """Return two fisheye cameras as one whose images stand side by side; None where they are no such pair."""
+    left, right = first.camera, second.camera
+    if not (isinstance(left, KannalaBrandt) and isinstance(right, KannalaBrandt)) or left.height != right.height:
+        return None
+    width = left.width + right.width
+    lenses = [
+        KannalaBrandt(
+            width, one.height, one.fx, one.fy, one.cx + offset, one.cy, one.k1, one.k2, one.k3, one.k4, one.max_angle
+        )
+        for one, offset in ((left, 0), (right, left.width))
+    ]
+    middle = RigidTransform.from_translation(second.first_from_camera.translation / 2)
+    return DualFisheye(
+        FisheyeLens(lenses[0], middle.inv()), FisheyeLens(lenses[1], middle.inv() * second.first_from_camera)
+    )

@@ -1,0 +1,217 @@
+"""The command ``palletloc calibrate convert``: camera files from one program's form to another's."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from calibration.formats import basalt, kalibr, ocam, opencv, ros
+from calibration.formats.camera_file import FiledCamera, alone, as_cameras, side_by_side
+from calibration.formats.fields import FormatError, read_json, read_yaml
+from calibration.formats.own import camera_text, read_own
+from calibration.lenses.conversion import ConversionError, Difference, convert_lens, difference
+from calibration.lenses.models import MODELS, lens_model, model_of
+from palletloc.cameras import CameraModel, DualFisheye, Equirectangular, KannalaBrandt
+from palletloc.errors import PalletLocError, nearest_name
+from palletloc.io.atomic import write_text
+from palletloc.io.reading import read_text
+
+_DUAL = "dual_fisheye"
+_YAML = (".yaml", ".yml")
+
+
+@dataclass(frozen=True, slots=True)
+class Conversion:
+    """What was converted."""
+
+    names: tuple[str, ...]
+    """Of the cameras."""
+    source: str
+    """Model of the first one."""
+    target: str
+    """Its model in the file that was written."""
+    differences: tuple[Difference, ...]
+    """Of each camera: the written file against the one that was read."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Format:
+    models: tuple[str, ...]
+    suffixes: tuple[str, ...]
+    text: Callable[[Sequence[FiledCamera], Path], str]
+
+
+def _single(cameras: Sequence[FiledCamera]) -> FiledCamera:
+    if len(cameras) > 1:
+        raise PalletLocError(
+            f"the format holds one camera, there are {len(cameras)}; expected --camera with its number"
+        )
+    return cameras[0]
+
+
+def _ocam_text(cameras: Sequence[FiledCamera], _: Path) -> str:
+    camera = _single(cameras).camera
+    if isinstance(camera, ocam.OcamCamera):
+        return ocam.ocam_text(camera)
+    if not isinstance(camera, KannalaBrandt):
+        raise ValueError(f"OCamCalib has no form for this {type(camera).__name__}")
+    return ocam.ocam_text(ocam.ocam_camera(camera))
+
+
+def _own_text(cameras: Sequence[FiledCamera], _: Path) -> str:
+    return camera_text(_single(cameras).camera)
+
+
+def _ros_text(cameras: Sequence[FiledCamera], _: Path) -> str:
+    return ros.camera_info_text(_single(cameras).camera, cameras[0].name)
+
+
+def _opencv_text(cameras: Sequence[FiledCamera], out: Path) -> str:
+    return opencv.opencv_text(_single(cameras).camera, out.suffix.lower())
+
+
+FORMATS = {
+    "palletloc": _Format((*MODELS, _DUAL), _YAML, _own_text),
+    "kalibr": _Format(kalibr.MODELS, _YAML, lambda cameras, _: kalibr.kalibr_text(cameras)),
+    "basalt": _Format(basalt.MODELS, (".json",), lambda cameras, _: basalt.basalt_text(cameras)),
+    "ros": _Format(
+        ros.MODELS, _YAML, lambda cameras, _: ros.camera_info_text(_single(cameras).camera, cameras[0].name)
+    ),
+    "opencv": _Format(opencv.MODELS, (".xml", ".yml", ".yaml", ".json"), _opencv_text),
+    "ocam": _Format(ocam.MODELS, (".txt",), _ocam_text),
+}
+"""The forms that can be written, by name."""
+
+
+def read_cameras(path: Path) -> list[FiledCamera]:
+    """Return the cameras of a file, whichever program wrote it.
+
+    Parameters
+    ----------
+    path : Path
+        Ours, or of Kalibr, basalt, ROS, OpenCV or OCamCalib.
+
+    Raises
+    ------
+    InputError
+        If it is none of them, or does not hold what its form says; names file and key.
+    """
+    text = read_text(path)
+    if path.suffix.lower() == ".txt":
+        return ocam.read_ocam(path)
+    if text.lstrip().startswith(("<?xml", "%YAML")):
+        return opencv.read_opencv(path)
+    fields = read_json(path) if path.suffix.lower() == ".json" else read_yaml(path)
+    if fields.has("value0"):
+        return basalt.read_basalt(fields)
+    if fields.has("cam0"):
+        return kalibr.read_kalibr(fields)
+    if fields.has("camera"):
+        return as_cameras(read_own(path), "camera")
+    if fields.has("camera_matrix") and fields.at("camera_matrix").value is not None:
+        return opencv.read_opencv(path) if path.suffix.lower() == ".json" else ros.read_camera_info(fields)
+    raise FormatError(
+        f"{path}: is no camera file; expected the keys camera (palletloc), cam0 (Kalibr), value0 (basalt) or"
+        " camera_matrix (ROS, OpenCV), or a .txt of OCamCalib"
+    )
+
+
+def convert(source: Path, target: str, out: Path, number: int | None = None, max_angle: float = np.pi) -> Conversion:
+    """Convert a camera file, and compare what was written with what was read.
+
+    Parameters
+    ----------
+    source : Path
+        The file to read.
+    target : str
+        ``FORMAT`` or ``FORMAT/MODEL``.
+    out : Path
+        The file to write.
+    number : int, optional
+        Which camera of several, from 0 on.
+    max_angle : float
+        Largest angle off axis that counts, in radians.
+
+    Raises
+    ------
+    PalletLocError
+        If the file is wrong, a name is unknown, the model cannot hold the camera, or nothing can be written.
+    """
+    form, model = _target(target, out)
+    cameras = read_cameras(source)
+    if number is not None:
+        if not 0 <= number < len(cameras):
+            raise PalletLocError(f"--camera {number}: {source} has the cameras 0 to {len(cameras) - 1}")
+        cameras = [alone(cameras[number].name, cameras[number].camera)]
+    if model == _DUAL:
+        return _pair(source, cameras, out)
+    converted = [_converted(one, form, model, max_angle) for one in cameras]
+    text = _text(form, converted, out)
+    with tempfile.TemporaryDirectory() as folder:
+        beside = Path(folder) / out.name
+        write_text(beside, text)
+        again = read_cameras(beside)
+    left = tuple(
+        difference(one.camera, other.camera, min(max_angle, _reach(to.camera)))
+        for one, to, other in zip(cameras, converted, again, strict=True)
+        if not isinstance(one.camera, DualFisheye | Equirectangular)
+    )
+    write_text(out, text)
+    names = tuple(one.name for one in cameras)
+    return Conversion(names, _name(cameras[0].camera), _name(again[0].camera), left)
+
+
+def _target(target: str, out: Path) -> tuple[str, str | None]:
+    """Return format and model that a target names."""
+    form, _, model = target.partition("/")
+    if form not in FORMATS:
+        raise PalletLocError(f"--to {target}: unknown format '{form}'{nearest_name(form, FORMATS)}")
+    if model and model not in FORMATS[form].models:
+        raise PalletLocError(
+            f"--to {target}: {form} has no model '{model}'{nearest_name(model, FORMATS[form].models)}"
+        )
+    if out.suffix.lower() not in FORMATS[form].suffixes:
+        raise PalletLocError(f"--out {out}: expected a name that ends in {' or '.join(FORMATS[form].suffixes)}")
+    return form, model or None
+
+
+def _pair(source: Path, cameras: Sequence[FiledCamera], out: Path) -> Conversion:
+    dual = side_by_side(*cameras) if len(cameras) == 2 else None
+    if dual is None:
+        raise PalletLocError(f"{source}: expected two kannala_brandt cameras with images of one height")
+    write_text(out, camera_text(dual))
+    return Conversion(tuple(one.name for one in cameras), _name(cameras[0].camera), _DUAL, ())
+
+
+def _converted(one: FiledCamera, form: str, model: str | None, max_angle: float) -> FiledCamera:
+    """Return a camera in the model that is asked for, or in one that the format can hold."""
+    own = model_of(one.camera)
+    if model is None:
+        keeps = form == "palletloc" and isinstance(one.camera, Equirectangular)
+        if keeps or (form == "ocam" and isinstance(one.camera, ocam.OcamCamera)):
+            return one
+        model = own.name if own is not None and own.name in FORMATS[form].models else FORMATS[form].models[0]
+    if isinstance(one.camera, Equirectangular):
+        raise ConversionError(f"a stitched panorama has no form in {form}/{model}")
+    return FiledCamera(one.name, convert_lens(one.camera, lens_model(model), max_angle), one.first_from_camera)
+
+
+def _text(form: str, cameras: Sequence[FiledCamera], out: Path) -> str:
+    try:
+        return FORMATS[form].text(cameras, out)
+    except ValueError as error:
+        raise ConversionError(f"{error}; expected one of the models {', '.join(FORMATS[form].models)}") from None
+
+
+def _reach(camera: CameraModel) -> float:
+    """Return how far off axis a camera sees by itself, as far as it says so."""
+    return float(getattr(camera, "max_angle", np.pi))
+
+
+def _name(camera: CameraModel) -> str:
+    model = model_of(camera)
+    return model.name if model is not None else type(camera).__name__.removesuffix("Camera").lower()

@@ -1,0 +1,111 @@
+"""Kalibr's camchain: cameras by name, each with its place against the one before."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import yaml
+from scipy.spatial.transform import RigidTransform
+
+from calibration.formats.camera_file import FiledCamera, built, fisheye, from_optical, optical
+from calibration.formats.fields import Fields
+from palletloc.cameras import CameraModel, DoubleSphere, Eucm, KannalaBrandt, Mei, Pinhole
+
+MODELS = ("kannala_brandt", "mei", "double_sphere", "eucm", "pinhole")
+"""What the format can hold."""
+_CAMERAS = ("pinhole", "omni", "eucm", "ds")
+_DISTORTIONS = {
+    "pinhole": ("radtan", "equidistant", "none"),
+    "omni": ("radtan", "none"),
+    "eucm": ("none",),
+    "ds": ("none",),
+}
+_INTRINSICS = {"pinhole": 4, "omni": 5, "eucm": 6, "ds": 6}
+
+
+def read_kalibr(fields: Fields) -> list[FiledCamera]:
+    """Return the cameras of a camchain, in its order.
+
+    Parameters
+    ----------
+    fields : Fields
+        The whole file.
+
+    Raises
+    ------
+    FormatError
+        If it does not hold what the format says.
+    """
+    names = sorted(key for key in fields.value if str(key).startswith("cam"))
+    found, place = list[FiledCamera](), RigidTransform.identity()
+    for i, name in enumerate(names):
+        one = fields.at(name)
+        if i:
+            rows = [row.numbers(4) for row in one.at("T_cn_cnm1").items()]
+            if len(rows) != 4:
+                raise one.at("T_cn_cnm1").fault("4 rows of 4 numbers")
+            place = place * from_optical(one.at("T_cn_cnm1"), np.array(rows)).inv()
+        found.append(FiledCamera(name, _camera(one), place))
+    return found
+
+
+def _camera(one: Fields) -> CameraModel:
+    kind = one.at("camera_model").text(_CAMERAS)
+    bent = one.at("distortion_model").text(_DISTORTIONS[kind])
+    size = one.at("resolution").size()
+    *shape, fx, fy, cx, cy = one.at("intrinsics").numbers(_INTRINSICS[kind])
+    terms = one.at("distortion_coeffs").numbers(4) if bent != "none" else (0.0,) * 4
+    match kind, bent:
+        case "pinhole", "equidistant":
+            return fisheye(one, size, (fx, fy, cx, cy), terms)
+        case "pinhole", _:
+            return built(one, lambda: Pinhole(*size, fx, fy, cx, cy, *terms))
+        case "omni", _:
+            return built(one, lambda: Mei(*size, fx, fy, cx, cy, shape[0], *terms))
+        case "eucm", _:
+            return built(one, lambda: Eucm(*size, fx, fy, cx, cy, shape[0], shape[1]))
+    return built(one, lambda: DoubleSphere(*size, fx, fy, cx, cy, shape[0], shape[1]))
+
+
+def kalibr_text(cameras: Sequence[FiledCamera]) -> str:
+    """Return a camchain.
+
+    Raises
+    ------
+    ValueError
+        If the format does not know a camera's model.
+    """
+    content = {}
+    for i, one in enumerate(cameras):
+        entry = _entry(one.camera)
+        if i:
+            between = one.first_from_camera.inv() * cameras[i - 1].first_from_camera
+            entry = {"T_cn_cnm1": optical(between).tolist(), **entry}
+        content[f"cam{i}"] = entry
+    return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=110)
+
+
+def _entry(camera: CameraModel) -> dict[str, object]:
+    match camera:
+        case KannalaBrandt():
+            kind, bent, shape = "pinhole", "equidistant", list[float]()
+            terms = [camera.k1, camera.k2, camera.k3, camera.k4]
+        case Pinhole(k3=0.0):
+            kind, bent, shape, terms = "pinhole", "radtan", [], [camera.k1, camera.k2, camera.p1, camera.p2]
+        case Mei():
+            kind, bent, shape = "omni", "radtan", [camera.xi]
+            terms = [camera.k1, camera.k2, camera.p1, camera.p2]
+        case Eucm():
+            kind, bent, shape, terms = "eucm", "none", [camera.alpha, camera.beta], []
+        case DoubleSphere():
+            kind, bent, shape, terms = "ds", "none", [camera.xi, camera.alpha], []
+        case _:
+            raise ValueError(f"Kalibr has no form for this {type(camera).__name__}")
+    return {
+        "camera_model": kind,
+        "intrinsics": [*shape, camera.fx, camera.fy, camera.cx, camera.cy],
+        "distortion_model": bent,
+        "distortion_coeffs": terms,
+        "resolution": [camera.width, camera.height],
+    }

@@ -1,0 +1,121 @@
+"""OpenCV's calibrations in its FileStorage: pinhole, fisheye and omnidirectional cameras."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from calibration.formats.camera_file import FiledCamera, alone, built, fisheye
+from calibration.formats.fields import Fields, FormatError
+from calibration.formats.file_storage import StorageFile
+from palletloc.cameras import CameraModel, KannalaBrandt, Mei, Pinhole
+from palletloc.geometry import FloatArray
+from palletloc.io.images import MAX_SIDE_PX
+
+MODELS = ("kannala_brandt", "mei", "pinhole")
+"""What the format can hold."""
+_MATRIX = ("camera_matrix", "cameraMatrix", "Camera_Matrix", "K", "M1")
+_TERMS = ("distortion_coefficients", "distCoeffs", "dist_coeffs", "Distortion_Coefficients", "D", "D1")
+_WIDTH, _HEIGHT, _SIZE = ("image_width", "image_Width"), ("image_height", "image_Height"), ("imageSize", "image_size")
+
+
+def read_opencv(path: Path) -> list[FiledCamera]:
+    """Return the camera of a calibration.
+
+    Parameters
+    ----------
+    path : Path
+        XML, YAML or JSON as FileStorage writes it. A fisheye has ``fisheye_model: 1`` there, an omnidirectional
+        camera ``xi``.
+
+    Raises
+    ------
+    InputError
+        If it does not hold a calibration; names the key.
+    """
+    storage = StorageFile(path)
+    size = _size(path, storage)
+    matrix = _needed(path, storage, _MATRIX, (9,))
+    fx, fy, cx, cy = (float(matrix[i]) for i in (0, 4, 2, 5))
+    lens = fx, fy, cx, cy
+    terms = _needed(path, storage, _TERMS, (4, 5, 8, 12, 14)).tolist()
+    fields = Fields(path, "", None)
+    xi = storage.numbers("xi")
+    if xi is not None:
+        k1, k2, p1, p2 = terms[:4]
+        return [alone("camera", built(fields, lambda: Mei(*size, *lens, float(xi[0]), k1, k2, p1, p2)))]
+    flag = storage.numbers("fisheye_model")
+    if flag is not None and flag[0]:
+        if len(terms) != 4:
+            raise FormatError(f"{path}: distortion_coefficients: expected 4 numbers for a fisheye, got {len(terms)}")
+        return [alone("camera", fisheye(fields, size, lens, terms))]
+    if any(terms[5:]):
+        raise FormatError(f"{path}: distortion_coefficients: expected no terms beyond k3, which have no form here")
+    return [alone("camera", built(fields, lambda: Pinhole(*size, *lens, *terms[:5])))]
+
+
+def _needed(path: Path, storage: StorageFile, names: Sequence[str], counts: Sequence[int]) -> FloatArray:
+    for name in names:
+        values = storage.numbers(name)
+        if values is None:
+            continue
+        if len(values) not in counts:
+            expected = " or ".join(str(count) for count in counts)
+            raise FormatError(f"{path}: {name}: expected {expected} numbers, got {len(values)}")
+        return values
+    raise FormatError(f"{path}: {names[0]}: is missing")
+
+
+def _size(path: Path, storage: StorageFile) -> tuple[int, int]:
+    for name in _SIZE:
+        both = storage.numbers(name)
+        if both is not None and len(both) == 2:
+            return _side(path, name, float(both[0])), _side(path, name, float(both[1]))
+    width, height = _needed(path, storage, _WIDTH, (1,)), _needed(path, storage, _HEIGHT, (1,))
+    return _side(path, _WIDTH[0], float(width[0])), _side(path, _HEIGHT[0], float(height[0]))
+
+
+def _side(path: Path, name: str, value: float) -> int:
+    if value != int(value) or not 0 < value <= MAX_SIDE_PX:
+        raise FormatError(f"{path}: {name}: expected whole pixels, up to {MAX_SIDE_PX}, got {value:g}")
+    return int(value)
+
+
+def opencv_text(camera: CameraModel, suffix: str) -> str:
+    """Return a calibration.
+
+    Parameters
+    ----------
+    camera : CameraModel
+        A pinhole, a Kannala-Brandt fisheye or a camera of Mei.
+    suffix : str
+        ``.xml``, ``.yml``, ``.yaml`` or ``.json``: the form.
+
+    Raises
+    ------
+    ValueError
+        If the format does not know the camera's model.
+    """
+    match camera:
+        case KannalaBrandt():
+            terms = [camera.k1, camera.k2, camera.k3, camera.k4]
+        case Pinhole():
+            terms = [camera.k1, camera.k2, camera.p1, camera.p2, camera.k3]
+        case Mei():
+            terms = [camera.k1, camera.k2, camera.p1, camera.p2]
+        case _:
+            raise ValueError(f"OpenCV has no form for this {type(camera).__name__}")
+    storage = cv2.FileStorage(f"camera{suffix}", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
+    storage.write("image_width", camera.width)
+    storage.write("image_height", camera.height)
+    matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]], dtype=np.float64)
+    storage.write("camera_matrix", matrix)
+    storage.write("distortion_coefficients", np.array([terms], dtype=np.float64))
+    if isinstance(camera, Mei):
+        storage.write("xi", camera.xi)
+    else:
+        storage.write("fisheye_model", int(isinstance(camera, KannalaBrandt)))
+    return str(storage.releaseAndGetString())

@@ -1,0 +1,73 @@
+"""The camera_info of ROS: one pinhole or fisheye camera."""
+
+from __future__ import annotations
+
+import yaml
+
+from calibration.formats.camera_file import FiledCamera, alone, built, fisheye
+from calibration.formats.fields import Fields
+from palletloc.cameras import CameraModel, KannalaBrandt, Pinhole
+
+MODELS = ("kannala_brandt", "pinhole")
+"""What the format can hold."""
+_DISTORTIONS = ("plumb_bob", "equidistant", "fisheye", "rational_polynomial")
+
+
+def read_camera_info(fields: Fields) -> list[FiledCamera]:
+    """Return the camera of a camera_info.
+
+    Parameters
+    ----------
+    fields : Fields
+        The whole file.
+
+    Raises
+    ------
+    FormatError
+        If it does not hold what the format says.
+    """
+    size = fields.at("image_width").side(), fields.at("image_height").side()
+    matrix = fields.at("camera_matrix").at("data").numbers(9)
+    lens = matrix[0], matrix[4], matrix[2], matrix[5]
+    name = fields.at("camera_name").text() if fields.has("camera_name") else "camera"
+    kind = fields.at("distortion_model").text(_DISTORTIONS)
+    data = fields.at("distortion_coefficients").at("data")
+    if kind in ("equidistant", "fisheye"):
+        return [alone(name, fisheye(fields, size, lens, data.numbers(4)))]
+    terms = data.numbers(4, 5, 8)
+    if any(terms[5:]):
+        raise data.fault("no terms beyond k3: a rational distortion has no form here")
+    return [alone(name, built(fields, lambda: Pinhole(*size, *lens, *terms[:5])))]
+
+
+def camera_info_text(camera: CameraModel, name: str) -> str:
+    """Return a camera_info.
+
+    Raises
+    ------
+    ValueError
+        If the format does not know the camera's model.
+    """
+    match camera:
+        case KannalaBrandt():
+            kind, terms = "equidistant", [camera.k1, camera.k2, camera.k3, camera.k4]
+        case Pinhole():
+            kind, terms = "plumb_bob", [camera.k1, camera.k2, camera.p1, camera.p2, camera.k3]
+        case _:
+            raise ValueError(f"camera_info has no form for this {type(camera).__name__}")
+    fx, fy, cx, cy = camera.fx, camera.fy, camera.cx, camera.cy
+    content = {
+        "image_width": camera.width,
+        "image_height": camera.height,
+        "camera_name": name,
+        "camera_matrix": _matrix(3, [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]),
+        "distortion_model": kind,
+        "distortion_coefficients": _matrix(1, terms),
+        "rectification_matrix": _matrix(3, [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]),
+        "projection_matrix": _matrix(3, [fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0]),
+    }
+    return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=110)
+
+
+def _matrix(rows: int, data: list[float]) -> dict[str, object]:
+    return {"rows": rows, "cols": len(data) // rows, "data": data}

@@ -1,0 +1,1 @@
+"""The command ``palletloc calibrate intrinsics``: lenses from shots of boards."""

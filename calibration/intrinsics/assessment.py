@@ -1,0 +1,203 @@
+"""What a fit of lenses has to be told about: views, coverage, misfit, uncertainty; and the verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from calibration.findings import Finding, Severity
+from calibration.intrinsics.coverage import Coverage, coverage_of
+from calibration.lenses.fit import LensFit
+from calibration.lenses.hold_out import hold_out_rms
+from calibration.lenses.models import LensCamera
+from calibration.lenses.uncertainty import bearing_sigma
+from palletloc.geometry import FloatArray
+
+FEWEST_VIEWS = 3
+"""Fewer boards give no lens."""
+MAX_BEARING_SIGMA = float(np.radians(0.1))
+"""A larger standard deviation of bearings fails, in radians; at the rim of the field it is a warning."""
+_OPEN_BEARING_SIGMA = float(np.radians(1.0))
+_BAD_VIEW, _BAD_VIEW_PX = 2.5, 0.3
+_NEIGHBOURS, _NEIGHBOURS_AGREE = 2, 0.35
+_CORRELATED = 0.99
+_LEAST_COVER, _LEAST_REACH = 0.5, 0.7
+_HOLD_OUT = 1.5
+_SEEN_PX = 1e-3
+_TILT, _RIM = "tilt the board by 30 degrees and more in several directions", "bring it to the rim of the image"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Checked:
+    """A fit with what was found about it."""
+
+    findings: tuple[Finding, ...]
+    """In the order of the checks."""
+    view_rms: tuple[float, ...]
+    """Of each view, over all its corners, in pixels."""
+    coverage: tuple[Coverage, ...]
+    """Of each lens."""
+    angles: tuple[FloatArray, ...]
+    """Of each lens: angles off axis up to its farthest corner, in radians."""
+    bearing_sigma: tuple[FloatArray, ...]
+    """Of each lens: standard deviation of bearings there, in radians."""
+    neighbours: float
+    """Correlation of the residuals of neighbouring corners; NaN where there are none."""
+    hold_out: float
+    """Root mean square in pixels of views that the lens was not fitted to; NaN where there are too few views."""
+
+
+def check_fit(fit: LensFit, cameras: Sequence[LensCamera], apertures: Sequence[float]) -> Checked:
+    """Return what there is to say about a fit.
+
+    Parameters
+    ----------
+    fit : LensFit
+        The result.
+    cameras : sequence of LensCamera
+        Of each lens.
+    apertures : sequence of float
+        Width of what each lens shows, in pixels.
+    """
+    parameters, _, _ = fit.bundle.columns()
+    coverage = tuple(
+        coverage_of(fit, lens, camera, aperture)
+        for lens, (camera, aperture) in enumerate(zip(cameras, apertures, strict=True))
+    )
+    angles = tuple(np.linspace(0.02, one.max_angle, 25) for one in coverage)
+    sigmas = tuple(
+        bearing_sigma(model, values, fit.covariance[at, at], angle)
+        for model, values, at, angle in zip(fit.bundle.models, fit.rig.values, parameters, angles, strict=True)
+    )
+    view_rms = tuple(float(np.sqrt((part**2).sum(-1).mean())) for part in fit.residuals)
+    neighbours = _neighbour_correlation(fit)
+    held = hold_out_rms(fit)
+    findings = [
+        *_uncertain(sigmas, angles),
+        *_bad_views(fit, view_rms),
+        *_misfit(neighbours),
+        *_held_out(fit, held),
+        *_correlated(fit),
+        *_covered(coverage),
+    ]
+    return Checked(tuple(findings), view_rms, coverage, angles, sigmas, neighbours, held)
+
+
+def unseen_corners(fit: LensFit, cameras: Sequence[LensCamera]) -> Finding | None:
+    """Return the finding that a camera does not show the corners as the fit does, or None."""
+    worst = 0
+    for view, used, residual in zip(fit.bundle.views, fit.used, fit.residuals, strict=True):
+        shown = cameras[view.lens].project(fit.rig.lens_from_board(view).apply(view.points)).pixels
+        off = np.linalg.norm(shown - view.pixels - residual, axis=-1)
+        # A corner at the very border of the image may lie on it in truth and off it by the fit.
+        at_border = np.isnan(off) & (np.linalg.norm(residual, axis=-1) > _border_distance(view.pixels, cameras[0]))
+        worst += int((used & ~at_border & ~(off < _SEEN_PX)).sum())
+    if not worst:
+        return None
+    what = f"the fitted lens folds: {worst} corners lie where it is not one to one"
+    how = "take shots with boards up to the rim of the image, or choose a model with fewer terms"
+    return Finding(Severity.FAIL, "not_invertible", what, how)
+
+
+def _border_distance(pixels: FloatArray, camera: LensCamera) -> FloatArray:
+    sides = np.array([camera.width - 0.5, camera.height - 0.5]) - pixels
+    distance: FloatArray = np.minimum(sides.min(-1), (pixels + 0.5).min(-1))
+    return distance
+
+
+def _uncertain(sigmas: Sequence[FloatArray], angles: Sequence[FloatArray]) -> list[Finding]:
+    findings = []
+    for lens, (sigma, angle) in enumerate(zip(sigmas, angles, strict=True)):
+        usual, worst = float(np.median(sigma)), int(np.argmax(sigma))
+        if sigma[worst] < MAX_BEARING_SIGMA:
+            continue
+        what = (
+            f"bearings of lens {lens} are known to {np.degrees(usual):.2f} degrees as a rule, and to"
+            f" {np.degrees(sigma[worst]):.2f} at {np.degrees(angle[worst]):.0f} degrees off axis"
+        )
+        if usual > _OPEN_BEARING_SIGMA:
+            finding = Finding(Severity.DEGENERATE, "unobservable", what, f"{_TILT}, and {_RIM}")
+        elif usual > MAX_BEARING_SIGMA:
+            finding = Finding(Severity.FAIL, "too_uncertain", what, f"{_TILT}, and {_RIM}")
+        else:
+            finding = Finding(Severity.WARNING, "uncertain_rim", what, f"{_RIM}, or state a smaller max_angle_deg")
+        findings.append(finding)
+    return findings
+
+
+def _bad_views(fit: LensFit, view_rms: Sequence[float]) -> list[Finding]:
+    usual = float(np.median(view_rms))
+    findings = []
+    for view, rms, used in zip(fit.bundle.views, view_rms, fit.used, strict=True):
+        if rms > max(_BAD_VIEW * usual, usual + _BAD_VIEW_PX) or not used.any():
+            what = f"view {view.name}: {rms:.2f} px, the others {usual:.2f} px; {int((~used).sum())} corners left out"
+            how = "look at it: blurred, reflecting, bent, or a corner taken for another; take it out or again"
+            findings.append(Finding(Severity.WARNING, "bad_view", what, how))
+    for name in fit.dropped:
+        what = f"view {name}: its corners give no pose"
+        findings.append(Finding(Severity.WARNING, "bad_view", what, "look at it, and take it out or again"))
+    return findings
+
+
+def _neighbour_correlation(fit: LensFit) -> float:
+    """Return how much residuals agree between neighbouring corners of a board."""
+    products, squares = 0.0, 0.0
+    for view, used, residual in zip(fit.bundle.views, fit.used, fit.residuals, strict=True):
+        if used.sum() <= _NEIGHBOURS:
+            continue
+        near = np.asarray(cKDTree(view.points[used]).query(view.points[used], k=_NEIGHBOURS + 1)[1])
+        own = residual[used]
+        products += float((own[:, None] * own[near[:, 1:]]).sum())
+        squares += _NEIGHBOURS * float((own**2).sum())
+    return products / squares if squares > 0 else float("nan")
+
+
+def _misfit(neighbours: float) -> list[Finding]:
+    if not neighbours > _NEIGHBOURS_AGREE:
+        return []
+    what = f"residuals of neighbouring corners agree (correlation {neighbours:.2f}): the model does not fit the lens"
+    how = "try another model: kannala_brandt for fisheyes, mei where the lens is not centred or a mirror is used"
+    return [Finding(Severity.WARNING, "model_misfit", what, how)]
+
+
+def _held_out(fit: LensFit, held: float) -> list[Finding]:
+    if not held > _HOLD_OUT * fit.rms():
+        return []
+    what = f"views that the lens was not fitted to have {held:.2f} px, the others {fit.rms():.2f} px"
+    return [Finding(Severity.WARNING, "hold_out", what, "take more shots, in all parts of the image")]
+
+
+def _correlated(fit: LensFit) -> list[Finding]:
+    names, correlation = fit.bundle.names(), fit.correlation
+    findings = []
+    for lens, model in enumerate(fit.bundle.models):
+        if "xi" not in model.shape:
+            continue
+        first = fit.bundle.columns()[0][lens].start
+        value = float(correlation[first, first + 4])
+        if abs(value) > _CORRELATED:
+            what = (
+                f"{names[first]} and {names[first + 4]} are hardly told apart (correlation {value:.4f}); bearings are"
+                " not worse for it, but the two numbers mean nothing alone"
+            )
+            how = "nothing, or choose kannala_brandt or eucm"
+            findings.append(Finding(Severity.WARNING, "correlated", what, how))
+    return findings
+
+
+def _covered(coverage: Sequence[Coverage]) -> list[Finding]:
+    findings = []
+    for lens, one in enumerate(coverage):
+        share = float(one.filled.mean())
+        if share < _LEAST_COVER or one.reach < _LEAST_REACH:
+            what = (
+                f"lens {lens}: corners fill {100 * share:.0f} % of the field and reach"
+                f" {np.degrees(one.max_angle):.0f} degrees off axis, {100 * one.reach:.0f} % of the way to the"
+                " rim of the image"
+            )
+            how = "take shots with the board in the empty sectors of the coverage map"
+            findings.append(Finding(Severity.WARNING, "coverage", what, how))
+    return findings

@@ -1,0 +1,207 @@
+"""The file intrinsics.yaml: a camera's size, shots of boards or files of their corners, and what is known before."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from calibration.extrinsics_file import CharucoSpec, Positive
+from calibration.lenses.fit import Aperture
+from calibration.targets import CharucoBoard, TargetError, patterns
+from palletloc.cameras import CameraModel, DualFisheye
+from palletloc.geometry import FloatArray
+from palletloc.io.camera_spec import camera_from_spec
+from palletloc.io.reading import InputError
+from palletloc.io.schema import Angle, CameraSpec, Pixels
+from palletloc.io.yaml_document import Document, DocumentError, read_document
+
+INTRINSICS = "intrinsics.yaml"
+"""Name of the file in its folder."""
+
+
+class ChessboardSpec(Document):
+    """A plain chessboard."""
+
+    inner_columns: Annotated[int, Field(strict=True, ge=3)]
+    """Corners side by side where four squares meet."""
+    inner_rows: Annotated[int, Field(strict=True, ge=3)]
+    """Such corners one above the other."""
+    square_m: Positive
+
+
+class BoardSpec(Document):
+    """One board: `chessboard` or `charuco`."""
+
+    chessboard: ChessboardSpec | None = None
+    charuco: CharucoSpec | None = None
+
+
+class IntrinsicsSpec(Document):
+    """The file intrinsics.yaml."""
+
+    format: Literal[1]
+    width: Pixels
+    height: Pixels
+    lenses: Literal[1, 2] = 1
+    """2: two image circles side by side, the front lens's at the left."""
+    start: CameraSpec | None = None
+    """Roughly known camera; found without it, as a rule."""
+    max_angle_deg: Angle | None = None
+    """How far off its axis the lens sees; without it, as far as the corners reach."""
+    shots: tuple[str, ...] = ()
+    """Images, relative to the folder."""
+    boards: Annotated[dict[str, BoardSpec], Field(default_factory=dict)]
+    boards_stand_still: bool = False
+    """Whether only the camera moves, so that all boards keep their places against each other."""
+    corners: str | None = None
+    """A file of corners in place of shots and boards, relative to the folder."""
+
+
+@dataclass(frozen=True, slots=True)
+class Chessboard:
+    """A plain chessboard."""
+
+    columns: int
+    """Inner corners side by side."""
+    rows: int
+    """Inner corners one above the other."""
+    square: float
+    """Side of a square, in metres."""
+
+    @property
+    def corners(self) -> FloatArray:
+        """(n, 3) its inner corners, row by row, in metres."""
+        x, y = np.meshgrid(np.arange(self.columns), np.arange(self.rows))
+        grid = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
+        return np.asarray(grid * self.square, dtype=np.float64)
+
+
+Board = Chessboard | CharucoBoard
+"""Any board."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class IntrinsicsTask:
+    """What the file says."""
+
+    folder: Path
+    """Where it is."""
+    size: tuple[int, int]
+    """Width and height of the shots, in pixels."""
+    lenses: int
+    """How many there are."""
+    start: CameraModel | None
+    """Roughly known camera."""
+    max_angle: float | None
+    """How far the lens sees, in radians."""
+    shots: tuple[str, ...]
+    """Images, relative to the folder."""
+    boards: dict[str, Board]
+    """By name."""
+    boards_stand_still: bool
+    """Whether all boards keep their places against each other."""
+    corners: Path | None
+    """A file of corners."""
+
+    @property
+    def apertures(self) -> tuple[Aperture, ...]:
+        """The part of the image that each lens fills."""
+        width, height = self.size
+        if self.lenses == 1:
+            return (Aperture(np.array([(width - 1) / 2, (height - 1) / 2]), float(max(width, height))),)
+        middles = ((width / 4 - 0.5, height / 2 - 0.5), (0.75 * width - 0.5, height / 2 - 0.5))
+        return tuple(Aperture(np.array(middle), width / 2) for middle in middles)
+
+    def start_of_lens(self, lens: int) -> CameraModel | None:
+        """Return the roughly known camera of one lens, in the image of both."""
+        if isinstance(self.start, DualFisheye):
+            return (self.start.front, self.start.back)[lens].model
+        return self.start
+
+
+def read_intrinsics(folder: Path) -> IntrinsicsTask:
+    """Read and check the file intrinsics.yaml of a folder; shots and corners stay in their files.
+
+    Raises
+    ------
+    PalletLocError
+        If the file is missing or wrong; names file, key and what was expected.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; expected one with {INTRINSICS} in it")
+    path = folder / INTRINSICS
+    spec = read_document(path, IntrinsicsSpec)
+    if (spec.corners is None) == (not spec.shots):
+        raise DocumentError(f"{path}: expected either the keys shots and boards, or the key corners")
+    if spec.shots and not spec.boards:
+        raise DocumentError(f"{path}: boards: is missing; expected one board at least")
+    boards = {name: _board(path, name, one) for name, one in spec.boards.items()}
+    _check_boards(path, boards)
+    return IntrinsicsTask(
+        folder,
+        (spec.width, spec.height),
+        spec.lenses,
+        _start(path, spec),
+        None if spec.max_angle_deg is None else float(np.radians(spec.max_angle_deg)),
+        spec.shots,
+        boards,
+        spec.boards_stand_still,
+        None if spec.corners is None else folder / spec.corners,
+    )
+
+
+def _start(path: Path, spec: IntrinsicsSpec) -> CameraModel | None:
+    if spec.start is None:
+        return None
+    if (spec.start.width, spec.start.height) != (spec.width, spec.height):
+        raise DocumentError(
+            f"{path}: start: is {spec.start.width} x {spec.start.height} px, expected {spec.width} x {spec.height} px"
+        )
+    try:
+        camera = camera_from_spec(spec.start)
+    except ValueError as error:
+        raise DocumentError(f"{path}: start: {error}") from error
+    if isinstance(camera, DualFisheye) != (spec.lenses == 2):
+        raise DocumentError(f"{path}: start.model: expected dual_fisheye for two lenses, and only for them")
+    return camera
+
+
+def _board(path: Path, name: str, spec: BoardSpec) -> Board:
+    where = f"{path}: boards.{name}"
+    match (spec.chessboard, spec.charuco):
+        case (ChessboardSpec() as one, None):
+            return Chessboard(one.inner_columns, one.inner_rows, one.square_m)
+        case (None, CharucoSpec() as one):
+            board = CharucoBoard(one.columns, one.rows, one.square_m, one.marker_m, one.dictionary, one.first_id)
+        case _:
+            raise DocumentError(f"{where}: expected one of the keys chessboard and charuco")
+    try:
+        patterns(board)
+    except TargetError as error:
+        raise DocumentError(f"{where}: {error}") from error
+    return board
+
+
+def _check_boards(path: Path, boards: dict[str, Board]) -> None:
+    """Raise an error where boards cannot be told apart."""
+    owners: dict[tuple[str, int], str] = {}
+    plain = [name for name, board in boards.items() if isinstance(board, Chessboard)]
+    if len(plain) > 1:
+        raise DocumentError(
+            f"{path}: boards.{plain[1]}: is a second plain chessboard, which cannot be told from {plain[0]};"
+            " expected ChArUco boards where there are several"
+        )
+    for name, board in boards.items():
+        if isinstance(board, Chessboard):
+            continue
+        for number in patterns(board)[0].marker_ids:
+            owner = owners.setdefault((board.dictionary, int(number)), name)
+            if owner != name:
+                raise DocumentError(
+                    f"{path}: boards.{name}: has the marker {number} of {board.dictionary}, which {owner} has too;"
+                    " expected every id once"
+                )

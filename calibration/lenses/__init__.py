@@ -1,0 +1,1 @@
+"""Lens models as functions of their parameters, with derivatives, and their fit to boards."""

@@ -1,0 +1,208 @@
+"""The fit of one or two lenses to boards: start, robust fit, corners left out, linear fit, covariance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from calibration.lenses.adjustment import adjust, shared_covariance
+from calibration.lenses.bundle import BoardView, Bundle, Rig
+from calibration.lenses.linking import link
+from calibration.lenses.models import LensModel
+from calibration.lenses.start import first_fisheye, start_model
+from palletloc.errors import PalletLocError
+from palletloc.geometry import BoolArray, FloatArray
+
+_OUTLIER = 4.0
+_MEDIAN_OF_RAYLEIGH = 1.1774
+_FEWEST_CORNERS = 6
+_ROUNDS = 3
+
+
+class NoStartError(PalletLocError):
+    """Boards from which no first lens follows."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LensFit:
+    """The result of a fit."""
+
+    bundle: Bundle
+    """All corners that the models can image."""
+    rig: Rig
+    """The solution."""
+    used: tuple[BoolArray, ...]
+    """Of each view, which corners the last fit took."""
+    sigma_factor: float
+    """How much larger the corners' errors are than their stated sigma."""
+    covariance: FloatArray
+    """(g, g) of the shared unknowns, by the corners' own scatter, not below their stated sigma."""
+    plain_rms: float
+    """Root mean square distance in pixels of a plain fit to every corner, as other programs state it."""
+    dropped: tuple[str, ...] = ()
+    """Views without a pose, or with too few corners that the model can image."""
+
+    @property
+    def residuals(self) -> tuple[FloatArray, ...]:
+        """(n, 2) predicted minus seen, of each view, in pixels."""
+        all_of_them = self.bundle.predict(self.rig).residuals
+        parts = np.split(all_of_them, np.cumsum([len(view.points) for view in self.bundle.views])[:-1])
+        return tuple(part * view.sigma[:, None] for part, view in zip(parts, self.bundle.views, strict=True))
+
+    def rms(self, *, every: bool = False) -> float:
+        """Return the root mean square of the corners' distances, in pixels: of those used, or of every one."""
+        squared = [(part**2).sum(-1) for part in self.residuals]
+        if not every:
+            squared = [part[used] for part, used in zip(squared, self.used, strict=True)]
+        return float(np.sqrt(np.concatenate(squared).mean()))
+
+    @property
+    def sigma(self) -> FloatArray:
+        """(g,) standard deviations of the shared unknowns."""
+        sigma: FloatArray = np.sqrt(np.diag(self.covariance))
+        return sigma
+
+    @property
+    def correlation(self) -> FloatArray:
+        """(g, g) correlations of the shared unknowns."""
+        correlation: FloatArray = self.covariance / np.outer(self.sigma, self.sigma)
+        return correlation
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Aperture:
+    """The part of the image that a lens fills."""
+
+    center: FloatArray
+    """(2,) its middle, in pixels."""
+    width: float
+    """In pixels."""
+
+
+def fit_lenses(
+    views: Sequence[BoardView], models: Sequence[LensModel], apertures: Sequence[Aperture], boards: int = 1
+) -> LensFit:
+    """Fit lenses and the poses of boards, from nothing but corners.
+
+    Parameters
+    ----------
+    views : sequence of BoardView
+        All that was seen.
+    models : sequence of LensModel
+        One for each lens.
+    apertures : sequence of Aperture
+        One for each lens.
+    boards : int
+        How many boards stand still against each other; 1 where each has a pose of its own in each shot.
+
+    Returns
+    -------
+    LensFit
+        With the outliers marked.
+
+    Raises
+    ------
+    NoStartError
+        If no lens explains the corners at all.
+    UnlinkedError
+        If the lenses or the boards have nothing in common.
+    LinAlgError
+        If the boards leave an unknown open.
+    """
+    started, values, poses = _start(views, models, apertures)
+    names = {view.name for view in started}
+    ordered = sorted(zip(started, poses, strict=True), key=lambda one: one[0].shot)
+    numbers = {shot: i for i, shot in enumerate(dict.fromkeys(view.shot for view, _ in ordered))}
+    kept = tuple(replace(view, shot=numbers[view.shot]) for view, _ in ordered)
+    linked = link(kept, [pose for _, pose in ordered], len(models), boards)
+    bundle = Bundle(kept, tuple(models), boards)
+    dropped = tuple(view.name for view in views if view.name not in names)
+    fits = []
+    for i in range(max(len(starts) for starts in values)):
+        chosen = tuple(starts[min(i, len(starts) - 1)] for starts in values)
+        fits.append(refined(bundle, Rig(chosen, linked.lenses, linked.shots, linked.boards), dropped))
+    return min(fits, key=lambda fit: fit.plain_rms)
+
+
+def refined(bundle: Bundle, rig: Rig, dropped: tuple[str, ...] = ()) -> LensFit:
+    """Return the fit from a start near it: robust first, then linear without the outliers.
+
+    Parameters
+    ----------
+    bundle : Bundle
+        The observations.
+    rig : Rig
+        Where to begin.
+    dropped : tuple of str
+        Views that are not among them.
+
+    Raises
+    ------
+    LinAlgError
+        If the observations leave an unknown open.
+    """
+    for _ in range(_ROUNDS):
+        rig = adjust(bundle, rig, robust=2 * _scatter(bundle, rig))
+    used = _inliers(bundle, rig)
+    clean, kept_shots = _without(bundle, used)
+    solution = adjust(clean, replace(rig, shots=rig.shots[kept_shots]))
+    poses = rig.shots.as_matrix()
+    poses[kept_shots] = solution.shots.as_matrix()
+    residuals = clean.predict(solution).residuals
+    width = len(clean.names())
+    redundancy = residuals.size - width - 6 * len(kept_shots)
+    factor = float(np.sqrt((residuals**2).sum() / max(redundancy, 1)))
+    covariance = max(factor, 1.0) ** 2 * shared_covariance(clean, solution)
+    solution = replace(solution, shots=RigidTransform.from_matrix(poses))
+    return LensFit(bundle, solution, used, factor, covariance, _plain_rms(bundle, solution), dropped)
+
+
+def _plain_rms(bundle: Bundle, rig: Rig) -> float:
+    sigma = np.concatenate([view.sigma for view in bundle.views])
+    residuals = bundle.predict(adjust(bundle, rig)).residuals * sigma[:, None]
+    return float(np.sqrt((residuals**2).sum(-1).mean()))
+
+
+def _scatter(bundle: Bundle, rig: Rig) -> float:
+    """Return the typical standard deviation of a residual, in stated sigmas, by its median."""
+    sizes = np.linalg.norm(bundle.predict(rig).residuals, axis=-1)
+    return float(np.nanmedian(sizes)) / _MEDIAN_OF_RAYLEIGH + 1e-9
+
+
+def _inliers(bundle: Bundle, rig: Rig) -> tuple[BoolArray, ...]:
+    """Return which corners are no outliers; a view with too few of them counts for nothing."""
+    sizes = np.linalg.norm(bundle.predict(rig).residuals, axis=-1)
+    good = sizes < _OUTLIER * _scatter(bundle, rig)
+    parts = np.split(good, np.cumsum([len(view.points) for view in bundle.views])[:-1])
+    return tuple(part if part.sum() >= _FEWEST_CORNERS else np.zeros_like(part) for part in parts)
+
+
+def _without(bundle: Bundle, used: Sequence[BoolArray]) -> tuple[Bundle, list[int]]:
+    """Return the bundle with the used corners only, and the shots that it still has."""
+    views = [view.kept(keep) for view, keep in zip(bundle.views, used, strict=True) if keep.any()]
+    shots = list(dict.fromkeys(view.shot for view in views))
+    numbered = tuple(replace(view, shot=shots.index(view.shot)) for view in views)
+    return replace(bundle, views=numbered), shots
+
+
+def _start(
+    views: Sequence[BoardView], models: Sequence[LensModel], apertures: Sequence[Aperture]
+) -> tuple[list[BoardView], list[list[FloatArray]], list[RigidTransform]]:
+    """Return the views that have a pose, parameters for each lens to begin with, and those poses."""
+    kept, values, poses = list[BoardView](), list[list[FloatArray]](), list[RigidTransform]()
+    for lens, (model, aperture) in enumerate(zip(models, apertures, strict=True)):
+        own = [view for view in views if view.lens == lens and len(view.points) >= _FEWEST_CORNERS]
+        fisheye, found = first_fisheye(own, aperture.center, aperture.width)
+        posed = [(view, pose) for view, pose in zip(own, found, strict=True) if pose is not None]
+        if not posed:
+            raise NoStartError(f"no board of lens {lens} has a pose; expected whole boards, seen sharply")
+        started, near = start_model(model, fisheye, [view for view, _ in posed], [pose for _, pose in posed])
+        values.append(started)
+        for (view, pose), keep in zip(posed, near, strict=True):
+            if keep.sum() >= _FEWEST_CORNERS:
+                kept.append(view.kept(keep))
+                poses.append(pose)
+    return kept, values, poses

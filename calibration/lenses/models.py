@@ -1,0 +1,196 @@
+"""The lens models that can be calibrated: parameters to pixels, with derivatives, and to cameras and back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from calibration.lenses.plane_image import (
+    PlaneImage,
+    distorted,
+    divided,
+    double_sphere_depth,
+    eucm_depth,
+    fisheye_image,
+    perspective_depth,
+    unified_depth,
+)
+from palletloc.cameras import CameraModel, DoubleSphere, Eucm, KannalaBrandt, Mei, Pinhole
+from palletloc.errors import PalletLocError, nearest_name
+from palletloc.geometry import FloatArray
+
+LensCamera = DoubleSphere | Eucm | KannalaBrandt | Mei | Pinhole
+"""A camera of one lens with parameters."""
+OPTICAL_FROM_CAMERA = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+"""Turns the camera frame (forward, left, up) into right, down, forward."""
+
+
+class UnknownLensError(PalletLocError):
+    """A lens model that does not exist."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Imaged:
+    """Pixels of rays, with derivatives."""
+
+    pixels: FloatArray
+    """(n, 2); NaN where the model has no image."""
+    by_ray: FloatArray
+    """(n, 2, 3) by the ray in the camera frame."""
+    by_values: FloatArray
+    """(n, 2, k) by the parameters."""
+
+
+@dataclass(frozen=True, slots=True)
+class LensModel:
+    """One of the models."""
+
+    name: str
+    """As files have it."""
+    shape: tuple[str, ...]
+    """Names of the parameters after fx, fy, cx, cy, as the camera has them."""
+    starts: tuple[tuple[float, ...], ...]
+    """The shapes to begin with."""
+    camera_type: type[LensCamera]
+    """What it becomes."""
+    image: Callable[[FloatArray, FloatArray], PlaneImage]
+    """The image on the plane: of rays, by shape."""
+    lower: tuple[float, ...]
+    """Below this a shape describes no lens."""
+    upper: tuple[float, ...]
+    """Nor above this."""
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of all parameters."""
+        return ("fx", "fy", "cx", "cy", *self.shape)
+
+    def start_values(self, focal: float, center: FloatArray) -> list[FloatArray]:
+        """Return parameters to begin with, for each of the shapes.
+
+        Parameters
+        ----------
+        focal : float
+            Pixels per radian on the axis.
+        center : (2,) array
+            Pixel of the axis.
+        """
+        found = []
+        for shape in self.starts:
+            values = np.array([1.0, 1.0, 0.0, 0.0, *shape])
+            along = focal / abs(float(self.evaluate(values, np.array([[1.0, 0.0, 0.0]])).by_ray[0, 0, 1]))
+            found.append(np.array([along, along, *center, *shape]))
+        return found
+
+    def admits(self, values: FloatArray) -> bool:
+        """Return whether parameters describe a lens at all."""
+        shape = values[4:]
+        inside = (shape >= np.array(self.lower)).all() and (shape <= np.array(self.upper)).all()
+        return bool(np.isfinite(values).all() and (values[:2] > 0).all() and inside)
+
+    def evaluate(self, values: FloatArray, rays: FloatArray) -> Imaged:
+        """Return the pixels of rays with their derivatives.
+
+        Parameters
+        ----------
+        values : (k,) array
+            The parameters.
+        rays : (n, 3) array
+            In the lens's camera frame, of any length.
+        """
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            plane = self.image(rays @ OPTICAL_FROM_CAMERA.T, values[4:])
+        focal = values[:2]
+        pixels = plane.points * focal + values[2:4]
+        by_ray = focal[:, None] * (plane.by_ray @ OPTICAL_FROM_CAMERA)
+        by_values = np.zeros((len(rays), 2, len(values)))
+        by_values[:, 0, 0], by_values[:, 1, 1] = plane.points.T
+        by_values[:, 0, 2] = by_values[:, 1, 3] = 1.0
+        by_values[:, :, 4:] = focal[:, None] * plane.by_shape
+        return Imaged(pixels, by_ray, by_values)
+
+    def values(self, camera: LensCamera) -> FloatArray:
+        """Return the parameters of a camera of this model."""
+        return np.array([getattr(camera, name) for name in self.parameters], dtype=np.float64)
+
+    def camera(self, values: FloatArray, size: tuple[int, int], max_angle: float) -> LensCamera:
+        """Return the camera with these parameters.
+
+        Parameters
+        ----------
+        values : (k,) array
+            The parameters.
+        size : (int, int)
+            Width and height of the image, in pixels.
+        max_angle : float
+            How far off axis it sees, in radians; a pinhole camera knows by itself.
+
+        Raises
+        ------
+        ValueError
+            If they describe no lens.
+        """
+        named: dict[str, Any] = dict(zip(self.parameters, values.tolist(), strict=True))
+        if self.camera_type is not Pinhole:
+            named["max_angle"] = max_angle
+        return self.camera_type(*size, **named)
+
+
+def _mei_image(rays: FloatArray, shape: FloatArray) -> PlaneImage:
+    return distorted(divided(rays, unified_depth(rays, shape[:1])), shape[1:])
+
+
+def _brown_image(rays: FloatArray, shape: FloatArray) -> PlaneImage:
+    return distorted(divided(rays, perspective_depth(rays, shape[:0])), shape)
+
+
+_ANY = np.inf
+MODELS = {
+    one.name: one
+    for one in (
+        LensModel(
+            "kannala_brandt", ("k1", "k2", "k3", "k4"), ((0.0,) * 4,), KannalaBrandt, fisheye_image,
+            (-_ANY,) * 4, (_ANY,) * 4,
+        ),
+        LensModel(
+            "mei", ("xi", "k1", "k2", "p1", "p2"), ((1.0, 0.0, 0.0, 0.0, 0.0),), Mei, _mei_image,
+            (0.0, *(-_ANY,) * 4), (_ANY,) * 5,
+        ),
+        LensModel(
+            "double_sphere", ("xi", "alpha"), ((-0.2, 0.55), (0.3, 0.65)), DoubleSphere,
+            lambda rays, shape: divided(rays, double_sphere_depth(rays, shape)),
+            (-0.999, 0.0), (_ANY, 1.0),
+        ),
+        LensModel(
+            "eucm", ("alpha", "beta"), ((0.55, 1.0),), Eucm,
+            lambda rays, shape: divided(rays, eucm_depth(rays, shape)),
+            (0.0, 1e-6), (1.0, _ANY),
+        ),
+        LensModel(
+            "pinhole", ("k1", "k2", "p1", "p2", "k3"), ((0.0,) * 5,), Pinhole, _brown_image,
+            (-_ANY,) * 5, (_ANY,) * 5,
+        ),
+    )
+}  # fmt: skip
+"""The models by name."""
+
+
+def lens_model(name: str) -> LensModel:
+    """Return the model of this name.
+
+    Raises
+    ------
+    UnknownLensError
+        If there is none; the message names the nearest one.
+    """
+    if name not in MODELS:
+        raise UnknownLensError(f"unknown lens model '{name}'{nearest_name(name, MODELS)}")
+    return MODELS[name]
+
+
+def model_of(camera: CameraModel) -> LensModel | None:
+    """Return the model that a camera is of; None for a camera that is not a single lens."""
+    return next((model for model in MODELS.values() if isinstance(camera, model.camera_type)), None)

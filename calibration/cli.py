@@ -9,6 +9,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
+from calibration.outcome import Outcome
 from palletloc.errors import PalletLocError
 
 app = typer.Typer(no_args_is_help=True, help="Calibrate the camera's mounting on the forklift; make targets.")
@@ -27,6 +28,34 @@ def extrinsics(
     progress = Console(stderr=True)
     with progress.status("reading") as status:
         outcome = calibrate_extrinsics(folder, out, status.update if progress.is_terminal else lambda _: None)
+    _show(outcome)
+
+
+@app.command("shelf")
+def shelf(
+    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="An approach along the shelf.")],
+    out: Annotated[Path, typer.Option(metavar="YAML", help="The recording.yaml to write; reports go beside it.")],
+    side: Annotated[
+        str | None, typer.Option(help="Side of the shelf in the direction of travel: left, right.")
+    ] = None,
+    distance: Annotated[float | None, typer.Option(help="About how far it is from the camera, in metres.")] = None,
+) -> None:
+    """Find the front plane of a shelf from a recording; by default around the plane that it states."""
+    from calibration.shelf_run import calibrate_shelf
+
+    if out.suffix.lower() not in (".yaml", ".yml"):
+        raise PalletLocError(f"--out {out}: expected the name of a .yaml file")
+    if (side is None) != (distance is None):
+        raise typer.BadParameter("--side and --distance go together")
+    progress = Console(stderr=True)
+    with progress.status("reading") as status:
+        told = status.update if progress.is_terminal else lambda _: None
+        outcome = calibrate_shelf(recording, out, side, distance, told)
+    _show(outcome)
+
+
+def _show(outcome: Outcome) -> None:
+    """Print what a run did, and exit with its code."""
     console = Console()
     for part in outcome.summary:
         console.print(part)

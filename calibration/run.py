@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,26 +18,13 @@ from calibration.extrinsics_file import ExtrinsicsTask, read_extrinsics
 from calibration.findings import PASS, Severity
 from calibration.network import Network, Sight
 from calibration.observations import Observation, observe
+from calibration.outcome import Outcome, free_stem
 from calibration.report import Report, report_data, report_page
 from calibration.rig_file import rig_text
 from calibration.texture_alignment import on_board
 from palletloc.io.atomic import write_text
 from palletloc.io.camera_spec import angles_from_transform
 from palletloc.io.images import read_image
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """What a run did."""
-
-    exit_code: int
-    """Of the program."""
-    summary: tuple[RenderableType, ...]
-    """To be printed."""
-    files: tuple[Path, ...]
-    """What was written."""
-    reasons: tuple[str, ...]
-    """Why it failed, and what is restricted: one line each."""
 
 
 def calibrate_extrinsics(folder: Path, out: Path, on_progress: Callable[[str], None] = lambda _: None) -> Outcome:
@@ -116,7 +102,7 @@ def _write(out: Path, task: ExtrinsicsTask, report: Report) -> tuple[Path, ...]:
     solution = report.assessment.solution
     text = json.dumps(report_data(report), indent=1, allow_nan=False) + "\n"
     passed = report.assessment.exit_code == PASS and solution is not None
-    stem = out.with_suffix("") if passed else _free_stem(out)
+    stem = out.with_suffix("") if passed else free_stem(out)
     html, numbers = stem.with_name(stem.name + ".html"), stem.with_name(stem.name + ".json")
     write_text(html, report_page(report))
     write_text(numbers, text)
@@ -124,16 +110,6 @@ def _write(out: Path, task: ExtrinsicsTask, report: Report) -> tuple[Path, ...]:
         return html, numbers
     write_text(out, rig_text(task.camera_spec, solution.mounting))
     return out, html, numbers
-
-
-def _free_stem(out: Path) -> Path:
-    """Return a name for the reports of a failed run under which there is nothing yet."""
-    stem = out.with_suffix("")
-    for number in range(1, 10_000):
-        free = stem.with_name(f"{stem.name}.failed" + (f"-{number}" if number > 1 else ""))
-        if not any(free.with_name(free.name + end).exists() for end in (".html", ".json")):
-            return free
-    return stem.with_name(f"{stem.name}.failed")
 
 
 def _summary(report: Report) -> list[RenderableType]:

@@ -135,7 +135,7 @@ def _crossing(
     place = start
     while len(mine) >= _LEAST_SIGHTS:
         normal, offset, weight = _lines(views, poses, place, mine)
-        place = np.linalg.lstsq(normal * weight[:, None], offset * weight, rcond=None)[0]
+        place = np.asarray(np.linalg.lstsq(normal * weight[:, None], offset * weight, rcond=None)[0], np.float64)
         miss = np.abs((normal @ place - offset) * weight)
         worst = int(miss.argmax())
         if np.hypot(*(place - start)) > 0.5:

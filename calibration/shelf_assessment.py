@@ -71,7 +71,9 @@ def _contradictions(survey: ShelfSurvey, fused: FusedPlane) -> Iterator[Finding]
         )
     turn, distance = survey.foot.described(survey.prior)
     off, turned = fused.distance - distance, float(np.degrees(fused.turn - turn))
-    if abs(off) > _PRIOR_M or abs(turned) > _PRIOR_DEG:
+    local = survey.foot.local(survey.bundle.poses[:, :2])[:, 0]
+    reach = _PRIOR_M + float(np.ptp(local)) / 2 * np.tan(np.radians(10.0))
+    if abs(off) > reach or abs(turned) > _PRIOR_DEG:
         yield Finding(
             Severity.FAIL,
             "far_from_prior",

@@ -98,7 +98,7 @@ def solve(observed: Observed, edges: FloatArray | None = None) -> Bundle:
     found = least_squares(problem.residuals, start, loss="soft_l1", f_scale=_ROBUST, x_scale="jac", max_nfev=60)
     jacobian = np.asarray(found.jac, dtype=np.float64)
     covariance = np.linalg.pinv(jacobian.T @ jacobian)
-    return problem.unpack(found.x, covariance)
+    return problem.unpack(np.asarray(found.x, dtype=np.float64), np.asarray(covariance, dtype=np.float64))
 
 
 class _Problem:
@@ -151,7 +151,7 @@ class _Problem:
     def pallet_errors(self, poses: FloatArray, pallets: FloatArray) -> FloatArray:
         off = relative(poses[self.pallet_shot], pallets[self.pallet_of]) - self.planar
         off[:, 2] = wrap_angle(off[:, 2])
-        return np.einsum("nij,nj->ni", self.whiten, off)
+        return np.asarray(np.einsum("nij,nj->ni", self.whiten, off))
 
     def edge_errors(self, poses: FloatArray, edges: FloatArray) -> FloatArray:
         if not len(self.azimuth):

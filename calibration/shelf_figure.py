@@ -52,8 +52,7 @@ def _draw_plan(axes: Axes, survey: ShelfSurvey) -> None:
     camera = np.array([*survey.recording.mounting.center[:2], 0.0])
     way = _turned(survey, compose(bundle.poses, np.tile(camera, (len(bundle.poses), 1)))[:, :2])
     axes.plot(*way.T, "-o", color=SERIES[0], markersize=3, linewidth=1, label="camera")
-    for i, pallet in enumerate(bundle.pallets):
-        model = next(iter(survey.recording.models))
+    for i, (pallet, model) in enumerate(zip(bundle.pallets, survey.models, strict=True)):
         corners = np.array([[0, -0.5], [0, 0.5], [1, 0.5], [1, -0.5], [0, -0.5]]) * (model.depth, model.width)
         placed = compose(np.tile(pallet, (5, 1)), np.concatenate([corners, np.zeros((5, 1))], axis=1))[:, :2]
         axes.plot(*_turned(survey, placed).T, color=SERIES[4], linewidth=1, label="pallet" if i == 0 else None)

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.beam_line import BEAMS, BeamSearch, beam_lines
 from calibration.drive import Drive, compose, read_drive
 from calibration.edge_sights import measure_edges, triangulated
 from calibration.front_line import PALLETS, UPRIGHTS, FrontLine, pallet_line, upright_line
+from calibration.gravity_lines import level_direction, level_heading
 from calibration.level_view import LevelView, level_view
+from calibration.line_segments import find_segments
 from calibration.shelf_bundle import Bundle, Observed, same_pallets, solve
 from calibration.shelf_pallets import see_pallets
 from calibration.shelf_plane import Foot, FusedPlane, PlaneEstimate, fuse
@@ -18,10 +21,16 @@ from calibration.upright_edges import Edges, find_edges
 from palletloc.geometry import FloatArray, wrap_angle
 from palletloc.io.images import ImageError
 from palletloc.io.recording import Recording
+from palletloc.pallet import PalletModel
 from palletloc.shelf import ShelfPlane
 from palletloc.trajectory import TrajectoryError
 
-_MOST_SHOTS = 24
+LINES = "lines"
+"""Name of the method that takes only the heading, from level edges."""
+_MOST_SHOTS, _LINE_SHOTS = 24, 8
+_ASIDE = np.radians([-50.0, 0.0, 50.0])
+_BEAM_REACH = 0.1
+_BESIDE_PALLET = 0.06
 _NEAR_DEPTH, _FAR_DEPTH = 0.2, 0.6
 _KNOWN_TURN, _ROUGH_TURN = float(np.radians(1.2)), float(np.radians(6.0))
 _LEAST_BASELINE = 0.2
@@ -55,6 +64,8 @@ class ShelfSurvey:
     """What planes are described from."""
     bundle: Bundle
     """Poses and landmarks."""
+    models: tuple[PalletModel, ...]
+    """(m,) of the bundle's pallets."""
     edges: Edges
     """Upright edges; their places are the bundle's."""
     members: FloatArray
@@ -116,11 +127,70 @@ def survey_shelf(
         pallets = pallet_line(bundle.pallets, bundle.landmark_covariance()[0], foot)
     if pallets is None:
         skipped.append(Skipped(PALLETS, "no_pallets", "no pallet is seen in two shots"))
-    estimates = tuple(one for one in (None if line is None else line.estimate, pallets) if one is not None)
+    estimates = [one for one in (None if line is None else line.estimate, pallets) if one is not None]
+    if (rough := fuse(estimates) if estimates else None) is not None:
+        on_progress("looking for beams and level edges")
+        search = BeamSearch(
+            foot, rough.turn, rough.distance, _BEAM_REACH, _stretches(recording, observed, bundle, foot)
+        )
+        beams = beam_lines(recording, shots, bundle.poses, search, on_progress)
+        if not beams:
+            skipped.append(Skipped(BEAMS, "no_beams", "no beam of a known height, off the camera's, is seen"))
+        lines = _lines(recording, shots, bundle.poses, foot, rough.turn)
+        estimates += beams if lines is None else [*beams, lines]
     members = np.zeros(len(edges.vote)) if line is None else line.members.astype(np.float64)
-    fused = fuse(estimates, _common(recording, estimates)) if estimates else None
-    edges = replace(edges, places=bundle.edges)
-    return ShelfSurvey(recording, tuple(shots), prior, foot, bundle, edges, members, estimates, tuple(skipped), fused)
+    return ShelfSurvey(
+        recording,
+        tuple(shots),
+        prior,
+        foot,
+        bundle,
+        _models(recording, observed),
+        replace(edges, places=bundle.edges),
+        members,
+        tuple(estimates),
+        tuple(skipped),
+        fuse(estimates, _common(recording, estimates)) if estimates else None,
+    )
+
+
+def _models(recording: Recording, observed: Observed) -> tuple[PalletModel, ...]:
+    """Return the model of each pallet in the bundle."""
+    known = {model.name: model for model in recording.models}
+    first = np.unique(observed.pallet_of, return_index=True)[1]
+    return tuple(known[observed.pallets[i].model] for i in first)
+
+
+def _stretches(recording: Recording, observed: Observed, bundle: Bundle, foot: Foot) -> FloatArray:
+    """Return between which places along the shelf each pallet stands, and at what height, (m, 3)."""
+    places = foot.local(bundle.pallets[:, :2])[:, 0]
+    heights = np.array([one.pose.z for one in observed.pallets])
+    rows = []
+    for i, (place, model) in enumerate(zip(places, _models(recording, observed), strict=True)):
+        half = model.width / 2 + _BESIDE_PALLET
+        rows.append((place - half, place + half, float(np.median(heights[observed.pallet_of == i]))))
+    return np.array(rows).reshape(-1, 3)
+
+
+def _lines(
+    recording: Recording, shots: list[int], poses: FloatArray, foot: Foot, turn: float
+) -> PlaneEstimate | None:
+    """Return the heading of the level edges along the shelf."""
+    found = []
+    for i in np.unique(np.linspace(0, len(shots) - 1, min(len(shots), _LINE_SHOTS)).round().astype(int)):
+        image = recording.image(recording.shots[shots[i]], gray=True)
+        into = foot.yaw + turn - poses[i, 2]
+        ahead = [np.array([np.cos(into + a), np.sin(into + a), -0.1]) for a in _ASIDE]
+        segments = find_segments(recording.camera, recording.mounting, image, ahead)
+        direction = level_direction(segments, float(into - np.pi / 2))
+        if direction is not None:
+            found.append((direction, float(poses[i, 2])))
+    heading = level_heading(found)
+    if heading is None:
+        return None
+    evidence = f"{sum(one.segments for one, _ in found)} level edges in {len(found)} shots"
+    off = float(wrap_angle(heading[0] + np.pi / 2 - foot.yaw))
+    return PlaneEstimate(LINES, off, float("nan"), np.diag([1 / heading[1] ** 2, 0.0]), evidence)
 
 
 def usable_shots(recording: Recording) -> list[int]:
@@ -217,7 +287,7 @@ def _least_blurred(views: list[LevelView], drive: Drive, rough: ShelfPlane) -> F
     return tried[int(np.argmax(sharp))]
 
 
-def _common(recording: Recording, estimates: tuple[PlaneEstimate, ...]) -> FloatArray:
+def _common(recording: Recording, estimates: Sequence[PlaneEstimate]) -> FloatArray:
     """Return what the mounting's uncertainty makes of turn and distance, whatever the method."""
     distance = next((one.distance for one in estimates if np.isfinite(one.distance)), 2.0)
     x, y, _, roll, pitch, yaw = recording.mounting.sigma

@@ -54,6 +54,28 @@ def shelf(
     _show(outcome)
 
 
+@app.command("check")
+def check(
+    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="An approach along the shelf.")],
+    out: Annotated[
+        Path | None, typer.Option(metavar="HTML", help="File for the report; JSON goes beside it.")
+    ] = None,
+    tolerance: Annotated[
+        float, typer.Option(min=0.01, max=5, help="How far the camera may be turned about x or y, in degrees.")
+    ] = 0.15,
+) -> None:
+    """Check whether the camera still sits on the forklift as a recording says."""
+    from calibration.check_run import calibrate_check
+
+    if out is not None and out.suffix.lower() != ".html":
+        raise PalletLocError(f"--out {out}: expected the name of a .html file")
+    progress = Console(stderr=True)
+    with progress.status("reading") as status:
+        told = status.update if progress.is_terminal else lambda _: None
+        outcome = calibrate_check(recording, tolerance, out, told)
+    _show(outcome)
+
+
 def _show(outcome: Outcome) -> None:
     """Print what a run did, and exit with its code."""
     console = Console()

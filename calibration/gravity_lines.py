@@ -12,7 +12,7 @@ from palletloc.geometry import BoolArray, FloatArray, wrap_angle
 
 _NEAR = float(np.sin(np.radians(3.0)))
 _NEAR_LEVEL = float(np.radians(5.0))
-_PLUMB, _LEVEL = float(np.radians(0.1)), float(np.radians(0.15))
+_PLUMB, _LEVEL = float(np.radians(0.17)), float(np.radians(0.15))
 _BIN = float(np.radians(4.0))
 _LEAST = 8
 _LEAST_HEIGHT = 0.08
@@ -50,21 +50,33 @@ def vertical_tilt(shots: Sequence[Segments]) -> Tilt | None:
     that about y. Shots see the same edges again, and these need not be plumb themselves: what they have in common
     does not average out over the shots.
     """
+    azimuth, away, sigma, shot = upright_edges(shots)
+    if len(azimuth) < _LEAST:
+        return None
+    design = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
+    turn, scatter, weight = _robust(design, away, 1 / sigma)
+    random = np.linalg.pinv((design * weight[:, None] ** 2).T @ design) * max(scatter, 0.5) ** 2
+    covariance = random + _PLUMB**2 * np.linalg.pinv(_distinct(design, azimuth, shot))
+    return Tilt(turn, np.linalg.pinv(covariance), len(azimuth))
+
+
+def upright_edges(shots: Sequence[Segments]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return azimuth, tilt, its standard deviation and the shot of each nearly upright segment, (n,) each.
+
+    Parameters
+    ----------
+    shots : sequence of Segments
+        One for each shot.
+    """
     normals = np.concatenate([one.normals for one in shots])
     middles = np.concatenate([one.middles for one in shots])
     sigma = np.concatenate([one.sigma for one in shots])
-    shot = np.repeat(np.arange(len(shots)), [len(one.sigma) for one in shots])
+    shot = np.repeat(np.arange(len(shots), dtype=np.float64), [len(one.sigma) for one in shots])
     near = np.abs(normals[:, 2]) < _NEAR
-    if near.sum() < _LEAST:
-        return None
     azimuth = np.arctan2(middles[near, 1], middles[near, 0])
     across = np.stack([-np.sin(azimuth), np.cos(azimuth)], axis=1)
     away = np.sign((normals[near, :2] * across).sum(axis=1)) * normals[near, 2]
-    design = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
-    turn, scatter, weight = _robust(design, away, 1 / sigma[near])
-    random = np.linalg.pinv((design * weight[:, None] ** 2).T @ design) * max(scatter, 0.5) ** 2
-    covariance = random + _PLUMB**2 * np.linalg.pinv(_distinct(design, azimuth, shot[near]))
-    return Tilt(turn, np.linalg.pinv(covariance), int(near.sum()))
+    return azimuth, away, sigma[near], shot[near]
 
 
 def _robust(design: FloatArray, values: FloatArray, weight: FloatArray) -> tuple[FloatArray, float, FloatArray]:

@@ -16,7 +16,7 @@ from palletloc.geometry import FloatArray, wrap_angle
 _JOIN = 0.35
 _INFLATION = 2.0
 _FLOOR = np.array([0.002, 0.002, 0.0015])
-_DRIFT = 2
+_DRIFT = 3
 _ROBUST = 2.0
 
 
@@ -58,6 +58,8 @@ class Bundle:
     """True distance over the odometry's."""
     bias: float
     """Error of its yaw rate, in radians per second."""
+    yaw: float
+    """By how much all is seen turned about the camera's upright axis, in radians; zero unless it was asked for."""
     poses: FloatArray
     """(n, 3) ``odom_from_forklift`` at the shots: x, y, yaw."""
     pallets: FloatArray
@@ -65,7 +67,7 @@ class Bundle:
     edges: FloatArray
     """(k, 2) places of vertical edges in odom."""
     covariance: FloatArray
-    """Of all parameters in this order: scale and bias, poses, pallets, edges."""
+    """Of all parameters in this order: scale, bias and yaw (in units of their priors), poses, pallets, edges."""
     pallet_errors: FloatArray
     """(p, 3) residuals of the pallets' sights, in standard deviations."""
     edge_errors: FloatArray
@@ -78,7 +80,7 @@ class Bundle:
         return self.covariance[first:middle, first:middle], self.covariance[middle:, middle:]
 
 
-def solve(observed: Observed, edges: FloatArray | None = None) -> Bundle:
+def solve(observed: Observed, edges: FloatArray | None = None, yaw_sigma: float = 0.0) -> Bundle:
     """Find the poses, pallets and edges that fit best.
 
     Parameters
@@ -87,13 +89,15 @@ def solve(observed: Observed, edges: FloatArray | None = None) -> Bundle:
         What was seen.
     edges : (k, 2) array, optional
         Where the edges are about, in odom; none if left out.
+    yaw_sigma : float
+        How far the mounting's yaw may be off, in radians; it is estimated where that is not zero.
 
     Returns
     -------
     Bundle
         Robust against single wrong sights.
     """
-    problem = _Problem(observed, 0 if edges is None else len(edges))
+    problem = _Problem(observed, 0 if edges is None else len(edges), yaw_sigma)
     start = problem.start(np.zeros((0, 2)) if edges is None else edges)
     found = least_squares(problem.residuals, start, loss="soft_l1", f_scale=_ROBUST, x_scale="jac", max_nfev=60)
     jacobian = np.asarray(found.jac, dtype=np.float64)
@@ -104,7 +108,8 @@ def solve(observed: Observed, edges: FloatArray | None = None) -> Bundle:
 class _Problem:
     """The equations, for least_squares."""
 
-    def __init__(self, observed: Observed, edges: int) -> None:
+    def __init__(self, observed: Observed, edges: int, yaw_sigma: float) -> None:
+        self.yaw_sigma = yaw_sigma
         self.drive, self.camera = observed.drive, observed.camera
         self.shots = len(self.drive.steps)
         self.pallet_of = observed.pallet_of
@@ -126,45 +131,47 @@ class _Problem:
             mine = seen[self.pallet_of == i]
             pallets[i, :2] = np.median(mine[:, :2], axis=0)
             pallets[i, 2] = mine[0, 2] + np.median(wrap_angle(mine[:, 2] - mine[0, 2]))
-        return np.concatenate([[0.0, 0.0], poses.ravel(), pallets.ravel(), edges.ravel()])
+        return np.concatenate([np.zeros(_DRIFT), poses.ravel(), pallets.ravel(), edges.ravel()])
 
-    def split(self, x: FloatArray) -> tuple[float, float, FloatArray, FloatArray, FloatArray]:
+    def split(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         a = _DRIFT + 3 * self.shots
         b = a + 3 * self.pallets
         return (
-            1.0 + x[0] * self.drive.noise.scale,
-            x[1] * self.drive.noise.bias,
+            x[:_DRIFT] * (self.drive.noise.scale, self.drive.noise.bias, self.yaw_sigma) + (1.0, 0.0, 0.0),
             x[_DRIFT:a].reshape(-1, 3),
             x[a:b].reshape(-1, 3),
             x[b:].reshape(-1, 2),
         )
 
     def residuals(self, x: FloatArray) -> FloatArray:
-        scale, bias, poses, pallets, edges = self.split(x)
+        (scale, bias, yaw), poses, pallets, edges = self.split(x)
         before = np.concatenate([self.drive.start.as_array()[None, [0, 1, 3]], poses[:-1]])
         step = relative(before, poses) - self.drive.corrected(scale, bias)
         step[:, 2] = wrap_angle(step[:, 2])
         parts = [x[:_DRIFT], (step / self.drive.sigma).ravel()]
-        parts += [self.pallet_errors(poses, pallets).ravel(), self.edge_errors(poses, edges)]
+        parts += [self.pallet_errors(poses, pallets, yaw).ravel(), self.edge_errors(poses, edges, yaw)]
         return np.concatenate(parts)
 
-    def pallet_errors(self, poses: FloatArray, pallets: FloatArray) -> FloatArray:
-        off = relative(poses[self.pallet_shot], pallets[self.pallet_of]) - self.planar
+    def pallet_errors(self, poses: FloatArray, pallets: FloatArray, yaw: float) -> FloatArray:
+        center = np.array([*self.camera, 0.0])
+        there = relative(poses[self.pallet_shot], pallets[self.pallet_of]) - center
+        # Seen through a camera that is turned, all turns about the camera.
+        off = compose(np.tile([*self.camera, yaw], (len(there), 1)), there) - self.planar
         off[:, 2] = wrap_angle(off[:, 2])
         return np.asarray(np.einsum("nij,nj->ni", self.whiten, off))
 
-    def edge_errors(self, poses: FloatArray, edges: FloatArray) -> FloatArray:
+    def edge_errors(self, poses: FloatArray, edges: FloatArray, yaw: float) -> FloatArray:
         if not len(self.azimuth):
             return np.zeros(0)
         at = np.concatenate([edges[self.edge_of], np.zeros((len(self.edge_of), 1))], axis=1)
         x, y, _ = (relative(poses[self.edge_shot], at)).T
         azimuth = np.arctan2(y - self.camera[1], x - self.camera[0])
-        return np.asarray(wrap_angle(azimuth - self.azimuth) / self.edge_sigma)
+        return np.asarray(wrap_angle(azimuth + yaw - self.azimuth) / self.edge_sigma)
 
     def unpack(self, x: FloatArray, covariance: FloatArray) -> Bundle:
-        scale, bias, poses, pallets, edges = self.split(x)
-        errors = self.pallet_errors(poses, pallets), self.edge_errors(poses, edges)
-        return Bundle(scale, bias, poses, pallets, edges, covariance, *errors)
+        (scale, bias, yaw), poses, pallets, edges = self.split(x)
+        errors = self.pallet_errors(poses, pallets, yaw), self.edge_errors(poses, edges, yaw)
+        return Bundle(float(scale), float(bias), float(yaw), poses, pallets, edges, covariance, *errors)
 
 
 def _whitener(covariance: FloatArray) -> FloatArray:

@@ -62,6 +62,8 @@ class ShelfSurvey:
     """What was known before, in odom."""
     foot: Foot
     """What planes are described from."""
+    observed: Observed
+    """What poses and landmarks are based on."""
     bundle: Bundle
     """Poses and landmarks."""
     models: tuple[PalletModel, ...]
@@ -121,7 +123,7 @@ def survey_shelf(
         skipped.append(refusal)
     else:
         on_progress("looking for uprights")
-        bundle, edges, line = _uprights(recording, shots, observed, bundle, foot, pallets, prior)
+        observed, bundle, edges, line = _uprights(recording, shots, observed, bundle, foot, pallets, prior)
         if line is None:
             skipped.append(Skipped(UPRIGHTS, "no_uprights", "no two tall vertical edges line up along the shelf"))
         pallets = pallet_line(bundle.pallets, bundle.landmark_covariance()[0], foot)
@@ -144,6 +146,7 @@ def survey_shelf(
         tuple(shots),
         prior,
         foot,
+        observed,
         bundle,
         _models(recording, observed),
         replace(edges, places=bundle.edges),
@@ -250,7 +253,7 @@ def _uprights(
     foot: Foot,
     pallets: PlaneEstimate | None,
     prior: ShelfPlane,
-) -> tuple[Bundle, Edges, FrontLine | None]:
+) -> tuple[Observed, Bundle, Edges, FrontLine | None]:
     rough = foot.plane(pallets.turn, pallets.distance) if pallets else prior
     poses = bundle.poses
     views = _views(recording, shots, poses, foot, rough)
@@ -261,11 +264,12 @@ def _uprights(
     sights = measure_edges(views, poses, edges, rough.yaw)
     edges, sights = triangulated(views, poses, edges, sights)
     if not len(edges.vote):
-        return bundle, Edges.none(), None
-    bundle = solve(replace(observed, edges=tuple(sights)), edges.places)
+        return observed, bundle, Edges.none(), None
+    observed = replace(observed, edges=tuple(sights))
+    bundle = solve(observed, edges.places)
     turn_sigma = _KNOWN_TURN if pallets else _ROUGH_TURN
     line = upright_line(edges, bundle.edges, bundle.landmark_covariance()[1], foot, turn_sigma)
-    return bundle, edges, line
+    return observed, bundle, edges, line
 
 
 def _views(

@@ -12,7 +12,9 @@ from rich.text import Text
 from calibration.outcome import Outcome
 from palletloc.errors import PalletLocError
 
-app = typer.Typer(no_args_is_help=True, help="Calibrate the camera's mounting on the forklift; make targets.")
+app = typer.Typer(
+    no_args_is_help=True, help="Calibrate the camera's mounting, its lenses and the shelf plane; make targets."
+)
 
 
 @app.command("extrinsics")
@@ -28,6 +30,51 @@ def extrinsics(
     progress = Console(stderr=True)
     with progress.status("reading") as status:
         outcome = calibrate_extrinsics(folder, out, status.update if progress.is_terminal else lambda _: None)
+    _conclude(outcome)
+
+
+@app.command("shelf")
+def shelf(
+    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="An approach along the shelf.")],
+    out: Annotated[Path, typer.Option(metavar="YAML", help="The recording.yaml to write; reports go beside it.")],
+    side: Annotated[
+        str | None, typer.Option(help="Side of the shelf in the direction of travel: left, right.")
+    ] = None,
+    distance: Annotated[float | None, typer.Option(help="About how far it is from the camera, in metres.")] = None,
+) -> None:
+    """Find the front plane of a shelf from a recording; by default around the plane that it states."""
+    from calibration.shelf_run import calibrate_shelf
+
+    if out.suffix.lower() not in (".yaml", ".yml"):
+        raise PalletLocError(f"--out {out}: expected the name of a .yaml file")
+    if (side is None) != (distance is None):
+        raise typer.BadParameter("--side and --distance go together")
+    progress = Console(stderr=True)
+    with progress.status("reading") as status:
+        told = status.update if progress.is_terminal else lambda _: None
+        outcome = calibrate_shelf(recording, out, side, distance, told)
+    _conclude(outcome)
+
+
+@app.command("check")
+def check(
+    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="An approach along the shelf.")],
+    out: Annotated[
+        Path | None, typer.Option(metavar="HTML", help="File for the report; JSON goes beside it.")
+    ] = None,
+    tolerance: Annotated[
+        float, typer.Option(min=0.01, max=5, help="How far the camera may be turned about x or y, in degrees.")
+    ] = 0.15,
+) -> None:
+    """Check whether the camera still sits on the forklift as a recording says."""
+    from calibration.check_run import calibrate_check
+
+    if out is not None and out.suffix.lower() != ".html":
+        raise PalletLocError(f"--out {out}: expected the name of a .html file")
+    progress = Console(stderr=True)
+    with progress.status("reading") as status:
+        told = status.update if progress.is_terminal else lambda _: None
+        outcome = calibrate_check(recording, tolerance, out, told)
     _conclude(outcome)
 
 

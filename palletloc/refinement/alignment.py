@@ -121,7 +121,7 @@ class FaceEstimate:
     def doubt(self) -> float:
         """How many edges are missing or contradict the others; below about 1 the pose is the right one."""
         says = np.array([self.seen.says(one.edge) for one in self.seen.edges])
-        missing = self.seen.expected - says @ self.weights + HIDDEN_DOUBT * len(self.hidden)
+        missing = self.seen.expected - float(says @ self.weights) + HIDDEN_DOUBT * len(self.hidden)
         return float(max(missing + max(self.chi2 - 1.0, 0.0) - EDGES_PER_NAT * self.behind, 0.0))
 
 

@@ -27,7 +27,7 @@ CLEAR_COVERAGE = 0.5
 MOST_CLEAR = 0.7
 """Part of the edges that are clear in a good image: there, an edge that is not clear is not there."""
 BORDERING = 0.5
-"""How much the edge says that parts the face from the pallet's own side, which is of the same wood in another light."""
+"""How much the edge says that parts the face from the pallet's own side, of the same wood in another light."""
 END_PIXELS = 1.0
 """How many pixels of the image at each end of an edge are left out."""
 LEAST_REACH = 0.75

@@ -1,0 +1,161 @@
+"""Pallets on the shelf, seen by the localizer although the plane is known only roughly."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.drive import compose
+from palletloc.config import LocalizerConfig
+from palletloc.errors import PalletLocError
+from palletloc.geometry import FloatArray, LevelPose, wrap_angle
+from palletloc.io.recording import Recording
+from palletloc.localizer import Localizer
+from palletloc.offline import shelf_at
+from palletloc.shelf import ShelfPlane
+
+_MIN_SCORE = 0.8
+_NEAR = 0.15
+_FIRST_SHOTS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """How far a plane may be off."""
+
+    depth: float
+    """In metres."""
+    yaw: float
+    """In radians."""
+
+
+_TRIED = tuple((depth, float(np.radians(yaw))) for depth in (-0.3, 0.05, 0.4) for yaw in (-7.0, 0.0, 7.0))
+"""Planes that are tried around the user's, by depth and yaw: together they cover half a metre and ten degrees."""
+_FIRST = Reach(0.25, float(np.radians(4.5)))
+_AGAIN = Reach(0.15, float(np.radians(4.0)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PalletSight:
+    """One pallet in one shot."""
+
+    shot: int
+    """Index of the shot."""
+    model: str
+    """The pallet's model."""
+    pose: LevelPose
+    """``forklift_from_pallet``."""
+    covariance: FloatArray
+    """(3, 3) of x, y and yaw, in metres and radians."""
+
+    @property
+    def planar(self) -> FloatArray:
+        """x, y and yaw, (3,)."""
+        return self.pose.as_array()[[0, 1, 3]]
+
+
+def see_pallets(
+    recording: Recording,
+    shots: Sequence[int],
+    prior: ShelfPlane,
+    on_progress: Callable[[str], None] = lambda _: None,
+) -> tuple[list[PalletSight], ShelfPlane]:
+    """Localize the pallets of a recording, first widely around a rough plane, then around what that gives.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording.
+    shots : sequence of int
+        Which of its shots to use.
+    prior : ShelfPlane
+        Rough front plane, in odom.
+    on_progress : callable
+        Is told what is done next.
+
+    Returns
+    -------
+    sights : list of PalletSight
+        Numbered by their place in `shots`.
+    plane : ShelfPlane
+        What the second look was given: the prior itself where the first finds no pallet.
+    """
+    spread = np.unique(np.linspace(0, len(shots) - 1, min(len(shots), _FIRST_SHOTS)).round().astype(int))
+    on_progress("looking for pallets widely")
+    few = [(int(i), shots[i]) for i in spread]
+    tried = (_moved(recording, prior, depth, yaw) for depth, yaw in _TRIED)
+    first = [one for plane in tried for one in _look(recording, few, plane, _FIRST)]
+    plane = rough_plane(recording, shots, first, prior)
+    if plane is None:
+        return [], prior
+    on_progress("localizing pallets")
+    return _look(recording, list(enumerate(shots)), plane, _AGAIN), plane
+
+
+def _moved(recording: Recording, prior: ShelfPlane, depth: float, yaw: float) -> ShelfPlane:
+    """Return a plane moved into the shelf and turned about the camera's foot on it at the middle of the way."""
+    shots = recording.shots
+    middle = recording.odometry.pose_at(shots[len(shots) // 2].time)
+    x, y, _ = middle.transform().apply(recording.forklift_from_camera.translation)
+    into = np.array([np.cos(prior.yaw), np.sin(prior.yaw)])
+    distance = float((np.array([prior.x, prior.y]) - (x, y)) @ into)
+    foot = np.array([x, y]) + (distance + depth) * into
+    return replace(prior, x=float(foot[0]), y=float(foot[1]), facing=float(wrap_angle(prior.facing + yaw)))
+
+
+def _look(
+    recording: Recording, numbered: Sequence[tuple[int, int]], plane: ShelfPlane, reach: Reach
+) -> list[PalletSight]:
+    config = LocalizerConfig()
+    detection = replace(config.detection, plane_depth=reach.depth, plane_yaw_deg=float(np.degrees(reach.yaw)))
+    config = replace(config, detection=detection)
+    localizer = Localizer(recording.camera, recording.mounting, recording.models, config=config)
+    seen: list[PalletSight] = []
+    for number, index in numbered:
+        shot = recording.shots[index]
+        try:
+            shelf = shelf_at(replace(recording, shelf=plane), shot.time, config.prior)
+            found = localizer.localize(recording.image(shot), shot.time, shelf, shot.file)
+        except PalletLocError:  # a shot that cannot be used: too near, or damaged; others may do
+            continue
+        keep = np.ix_([0, 1, 3], [0, 1, 3])
+        seen += [
+            PalletSight(number, one.model, one.forklift_from_pallet, one.covariance[keep])
+            for one in found
+            if one.score >= _MIN_SCORE
+        ]
+    return seen
+
+
+def rough_plane(
+    recording: Recording, shots: Sequence[int], seen: Sequence[PalletSight], prior: ShelfPlane
+) -> ShelfPlane | None:
+    """Return the plane that most pallets stand on, by raw odometry; None where there is none.
+
+    Parameters
+    ----------
+    recording : Recording
+        For its odometry.
+    shots : sequence of int
+        What the sights' numbers mean.
+    seen : sequence of PalletSight
+        Some may be wrong.
+    prior : ShelfPlane
+        Gives the levels, and the sides.
+    """
+    if not seen:
+        return None
+    at = [recording.odometry.pose_at(recording.shots[shots[one.shot]].time) for one in seen]
+    poses = np.array([compose(np.array([p.x, p.y, p.yaw]), one.planar) for p, one in zip(at, seen, strict=True)])
+    turned = wrap_angle(poses[:, 2] - prior.yaw)
+    near = np.abs(turned[:, None] - turned) < np.radians(4.0)
+    yaw = prior.yaw + float(np.median(turned[near[near.sum(1).argmax()]]))
+    into = np.array([np.cos(yaw), np.sin(yaw)])
+    depth = poses[:, :2] @ into
+    agree = np.abs(depth[:, None] - depth) < _NEAR
+    best = agree[agree.sum(1).argmax()]
+    point = np.median(poses[best, :2], axis=0)
+    point += (np.median(depth[best]) - point @ into) * into
+    return replace(prior, x=float(point[0]), y=float(point[1]), facing=float(wrap_angle(yaw + np.pi)))

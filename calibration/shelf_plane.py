@@ -1,0 +1,180 @@
+"""A shelf's front plane as several methods see it, and what they say together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from scipy.stats import chi2
+
+from palletloc.geometry import FloatArray, wrap_angle
+from palletloc.shelf import ShelfPlane
+
+CHANCE = 0.0027
+"""Two methods disagree where they differ by more than this leaves to chance: three standard deviations."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Foot:
+    """The point that planes are described from: there distance and heading hardly correlate."""
+
+    point: FloatArray
+    """(2,) a place of the camera, in odom, in metres."""
+    yaw: float
+    """Heading about into the shelf, in radians."""
+
+    def plane(self, turn: float, distance: float) -> ShelfPlane:
+        """Return the plane at a distance from the point, turned against the heading."""
+        yaw = self.yaw + turn
+        x, y = self.point + distance * np.array([np.cos(yaw), np.sin(yaw)])
+        return ShelfPlane(float(x), float(y), float(wrap_angle(yaw + np.pi)))
+
+    def described(self, plane: ShelfPlane) -> tuple[float, float]:
+        """Return a plane's turn and distance: the inverse of `plane`, whatever point of it is given.
+
+        Examples
+        --------
+        >>> foot = Foot(np.zeros(2), 0.0)
+        >>> foot.described(ShelfPlane(2.0, 7.0, np.pi))
+        (0.0, 2.0)
+        """
+        turn = float(wrap_angle(plane.yaw - self.yaw))
+        into = np.array([np.cos(plane.yaw), np.sin(plane.yaw)])
+        return turn, float((np.array([plane.x, plane.y]) - self.point) @ into)
+
+    def local(self, points: FloatArray) -> FloatArray:
+        """Return points, (n, 2) in odom, as places along the shelf (to the right) and depths into it."""
+        into = np.array([np.cos(self.yaw), np.sin(self.yaw)])
+        right = np.array([into[1], -into[0]])
+        return np.asarray((points - self.point) @ np.stack([right, into], axis=1))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlaneEstimate:
+    """What one method says of the plane."""
+
+    method: str
+    """Its name."""
+    turn: float
+    """Heading into the shelf against the foot's, in radians."""
+    distance: float
+    """From the foot's point to the plane, in metres; NaN where the method gives only the heading."""
+    information: FloatArray
+    """(2, 2) inverse covariance of turn and distance, in 1/rad and 1/m; singular where it leaves one open."""
+    evidence: str
+    """What it is based on, in words."""
+
+    @property
+    def sigma(self) -> tuple[float, float]:
+        """Standard deviations of turn and distance, each with the other one free; infinite where left open."""
+        inverse = inverse_of(self.information)
+        return float(np.sqrt(inverse[0, 0])), float(np.sqrt(inverse[1, 1]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Disagreement:
+    """Two methods that contradict each other."""
+
+    first: str
+    """Name of one."""
+    second: str
+    """Name of the other."""
+    chance: float
+    """How probable such a difference or a larger one is if both are right."""
+    turn: float
+    """Second minus first, in radians."""
+    distance: float
+    """Second minus first, in metres; NaN where one of them gives none."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FusedPlane:
+    """What they say together."""
+
+    turn: float
+    """Heading into the shelf against the foot's, in radians."""
+    distance: float
+    """From the foot's point, in metres."""
+    covariance: FloatArray
+    """(2, 2) of turn and distance."""
+    chance: float
+    """How probable such differences or larger ones are if all methods are right."""
+    disagreement: Disagreement | None
+    """The two that contradict each other most; None where all are consistent."""
+
+
+def inverse_of(information: FloatArray) -> FloatArray:
+    """Return the covariance that belongs to an information matrix; infinite where it leaves a value open."""
+    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    known = np.diag(information) > 1e-9
+    covariance = np.full((2, 2), 0.0)
+    covariance[~known, ~known] = np.inf
+    if known.all():
+        normed = information / np.outer(scale, scale)
+        if np.linalg.cond(normed) > 1e12:
+            return np.full((2, 2), np.inf)
+        return np.asarray(np.linalg.inv(normed) / np.outer(scale, scale))
+    i = int(np.flatnonzero(known)[0]) if known.any() else 0
+    covariance[i, i] = 1 / information[i, i] if known.any() else np.inf
+    return covariance
+
+
+def fuse(estimates: Sequence[PlaneEstimate], common: FloatArray | None = None) -> FusedPlane | None:
+    """Weigh several methods by their information.
+
+    Parameters
+    ----------
+    estimates : sequence of PlaneEstimate
+        At least one.
+    common : (2, 2) array, optional
+        Covariance of what is wrong in all of them alike, as the camera's mounting is.
+
+    Returns
+    -------
+    FusedPlane or None
+        None where they leave distance or heading open.
+    """
+    total = np.sum([one.information for one in estimates], axis=0)
+    covariance = inverse_of(total)
+    if not np.isfinite(covariance).all() or not (np.diag(covariance) > 0).all():
+        return None
+    values = [_vector(one) for one in estimates]
+    weighted = np.sum([one.information @ value for one, value in zip(estimates, values, strict=True)], axis=0)
+    fused = covariance @ weighted
+    rest = sum(
+        float((value - fused) @ one.information @ (value - fused))
+        for one, value in zip(estimates, values, strict=True)
+    )
+    freedom = sum(int(np.linalg.matrix_rank(one.information, tol=1e-9)) for one in estimates) - 2
+    chance = float(chi2.sf(rest, freedom)) if freedom > 0 else 1.0
+    shared = np.zeros((2, 2)) if common is None else common
+    return FusedPlane(float(fused[0]), float(fused[1]), covariance + shared, chance, disagreement(estimates))
+
+
+def _vector(one: PlaneEstimate) -> FloatArray:
+    return np.array([one.turn, one.distance if np.isfinite(one.distance) else 0.0])
+
+
+def disagreement(estimates: Sequence[PlaneEstimate]) -> Disagreement | None:
+    """Return the two estimates that contradict each other most; None where no two do."""
+    worst: Disagreement | None = None
+    for one, other in combinations(estimates, 2):
+        found = _compared(one, other)
+        if found.chance < CHANCE and (worst is None or found.chance < worst.chance):
+            worst = found
+    return worst
+
+
+def _compared(one: PlaneEstimate, other: PlaneEstimate) -> Disagreement:
+    difference = _vector(other) - _vector(one)
+    sum_of_both = inverse_of(one.information) + inverse_of(other.information)
+    both = np.isfinite(np.diag(sum_of_both))
+    if not both.any():
+        return Disagreement(one.method, other.method, 1.0, float(difference[0]), float("nan"))
+    part = sum_of_both[np.ix_(both, both)]
+    square = float(difference[both] @ np.linalg.solve(part, difference[both]))
+    distance = float(difference[1]) if both[1] else float("nan")
+    chance = float(chi2.sf(square, int(both.sum())))
+    return Disagreement(one.method, other.method, chance, float(difference[0]), distance)

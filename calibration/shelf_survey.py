@@ -1,0 +1,299 @@
+"""The front of a shelf from a recording without targets: every method that its data allow."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.beam_line import BEAMS, BeamSearch, beam_lines
+from calibration.drive import Drive, compose, read_drive
+from calibration.edge_sights import measure_edges, triangulated
+from calibration.front_line import PALLETS, UPRIGHTS, FrontLine, pallet_line, upright_line
+from calibration.gravity_lines import level_direction, level_heading
+from calibration.level_view import LevelView, level_view
+from calibration.line_segments import find_segments
+from calibration.shelf_bundle import Bundle, Observed, same_pallets, solve
+from calibration.shelf_pallets import see_pallets
+from calibration.shelf_plane import Foot, FusedPlane, PlaneEstimate, fuse
+from calibration.upright_edges import Edges, find_edges
+from palletloc.geometry import FloatArray, wrap_angle
+from palletloc.io.images import ImageError
+from palletloc.io.recording import Recording
+from palletloc.pallet import PalletModel
+from palletloc.shelf import ShelfPlane
+from palletloc.trajectory import TrajectoryError
+
+LINES = "lines"
+"""Name of the method that takes only the heading, from level edges."""
+_MOST_SHOTS, _LINE_SHOTS = 24, 8
+_ASIDE = np.radians([-50.0, 0.0, 50.0])
+_BEAM_REACH = 0.1
+_BESIDE_PALLET = 0.06
+_NEAR_DEPTH, _FAR_DEPTH = 0.2, 0.6
+_KNOWN_TURN, _ROUGH_TURN = float(np.radians(1.2)), float(np.radians(6.0))
+_LEAST_BASELINE = 0.2
+_LEAST_ACROSS = float(np.radians(15.0))
+_BIASES = np.arange(-0.008, 0.0081, 0.002)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Skipped:
+    """A method that could not be used."""
+
+    method: str
+    """Its name."""
+    code: str
+    """Why, for programs."""
+    what: str
+    """Why, in one sentence."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShelfSurvey:
+    """What a recording says of its shelf's front."""
+
+    recording: Recording
+    """The recording."""
+    shots: tuple[int, ...]
+    """Which of its shots were used."""
+    prior: ShelfPlane
+    """What was known before, in odom."""
+    foot: Foot
+    """What planes are described from."""
+    observed: Observed
+    """What poses and landmarks are based on."""
+    bundle: Bundle
+    """Poses and landmarks."""
+    models: tuple[PalletModel, ...]
+    """(m,) of the bundle's pallets."""
+    edges: Edges
+    """Upright edges; their places are the bundle's."""
+    members: FloatArray
+    """(k,) 1 for edges that form the front."""
+    estimates: tuple[PlaneEstimate, ...]
+    """One for each method that gave something."""
+    skipped: tuple[Skipped, ...]
+    """The others."""
+    fused: FusedPlane | None
+    """All together; None where that leaves distance or heading open."""
+
+    @property
+    def plane(self) -> ShelfPlane | None:
+        """The result in odom, with the prior's levels."""
+        if self.fused is None:
+            return None
+        found = self.foot.plane(self.fused.turn, self.fused.distance)
+        return replace(found, levels=self.prior.levels)
+
+
+def survey_shelf(
+    recording: Recording, prior: ShelfPlane, on_progress: Callable[[str], None] = lambda _: None
+) -> ShelfSurvey:
+    """Find the front of a shelf.
+
+    Parameters
+    ----------
+    recording : Recording
+        Its shelf's entry is not used.
+    prior : ShelfPlane
+        Roughly the plane, in odom: half a metre and ten degrees.
+    on_progress : callable
+        Is told what is done next.
+
+    Returns
+    -------
+    ShelfSurvey
+        Also where nothing was found.
+    """
+    shots = usable_shots(recording)
+    drive = read_drive(recording.odometry, [recording.shots[i].time for i in shots])
+    sights, _ = see_pallets(recording, shots, prior, on_progress)
+    sights, pallet_of = same_pallets(drive, sights)
+    camera = np.asarray(recording.mounting.center[:2], dtype=np.float64)
+    observed = Observed(drive, camera, tuple(sights), pallet_of)
+    bundle = solve(observed)
+    foot = _foot(bundle, camera, prior)
+    pallets = pallet_line(bundle.pallets, bundle.landmark_covariance()[0], foot)
+    skipped: list[Skipped] = []
+    edges, line = Edges.none(), None
+    refusal = motion_refusal(drive, camera, foot, prior)
+    if refusal is not None:
+        skipped.append(refusal)
+    else:
+        on_progress("looking for uprights")
+        observed, bundle, edges, line = _uprights(recording, shots, observed, bundle, foot, pallets, prior)
+        if line is None:
+            skipped.append(Skipped(UPRIGHTS, "no_uprights", "no two tall vertical edges line up along the shelf"))
+        pallets = pallet_line(bundle.pallets, bundle.landmark_covariance()[0], foot)
+    if pallets is None:
+        skipped.append(Skipped(PALLETS, "no_pallets", "no pallet is seen in two shots"))
+    estimates = [one for one in (None if line is None else line.estimate, pallets) if one is not None]
+    if (rough := fuse(estimates) if estimates else None) is not None:
+        on_progress("looking for beams and level edges")
+        search = BeamSearch(
+            foot, rough.turn, rough.distance, _BEAM_REACH, _stretches(recording, observed, bundle, foot)
+        )
+        beams = beam_lines(recording, shots, bundle.poses, search, on_progress)
+        if not beams:
+            skipped.append(Skipped(BEAMS, "no_beams", "no beam of a known height, off the camera's, is seen"))
+        lines = _lines(recording, shots, bundle.poses, foot, rough.turn)
+        estimates += beams if lines is None else [*beams, lines]
+    members = np.zeros(len(edges.vote)) if line is None else line.members.astype(np.float64)
+    return ShelfSurvey(
+        recording,
+        tuple(shots),
+        prior,
+        foot,
+        observed,
+        bundle,
+        _models(recording, observed),
+        replace(edges, places=bundle.edges),
+        members,
+        tuple(estimates),
+        tuple(skipped),
+        fuse(estimates, _common(recording, estimates)) if estimates else None,
+    )
+
+
+def _models(recording: Recording, observed: Observed) -> tuple[PalletModel, ...]:
+    """Return the model of each pallet in the bundle."""
+    known = {model.name: model for model in recording.models}
+    first = np.unique(observed.pallet_of, return_index=True)[1]
+    return tuple(known[observed.pallets[i].model] for i in first)
+
+
+def _stretches(recording: Recording, observed: Observed, bundle: Bundle, foot: Foot) -> FloatArray:
+    """Return between which places along the shelf each pallet stands, and at what height, (m, 3)."""
+    places = foot.local(bundle.pallets[:, :2])[:, 0]
+    heights = np.array([one.pose.z for one in observed.pallets])
+    rows = []
+    for i, (place, model) in enumerate(zip(places, _models(recording, observed), strict=True)):
+        half = model.width / 2 + _BESIDE_PALLET
+        rows.append((place - half, place + half, float(np.median(heights[observed.pallet_of == i]))))
+    return np.array(rows).reshape(-1, 3)
+
+
+def _lines(
+    recording: Recording, shots: list[int], poses: FloatArray, foot: Foot, turn: float
+) -> PlaneEstimate | None:
+    """Return the heading of the level edges along the shelf."""
+    found = []
+    for i in np.unique(np.linspace(0, len(shots) - 1, min(len(shots), _LINE_SHOTS)).round().astype(int)):
+        image = recording.image(recording.shots[shots[i]], gray=True)
+        into = foot.yaw + turn - poses[i, 2]
+        ahead = [np.array([np.cos(into + a), np.sin(into + a), -0.1]) for a in _ASIDE]
+        segments = find_segments(recording.camera, recording.mounting, image, ahead)
+        direction = level_direction(segments, float(into - np.pi / 2))
+        if direction is not None:
+            found.append((direction, float(poses[i, 2])))
+    heading = level_heading(found)
+    if heading is None:
+        return None
+    evidence = f"{sum(one.segments for one, _ in found)} level edges in {len(found)} shots"
+    off = float(wrap_angle(heading[0] + np.pi / 2 - foot.yaw))
+    return PlaneEstimate(LINES, off, float("nan"), np.diag([1 / heading[1] ** 2, 0.0]), evidence)
+
+
+def usable_shots(recording: Recording) -> list[int]:
+    """Return the indices of shots that odometry reaches and whose images can be read, evenly spread, at most 24."""
+    reached = []
+    for i, shot in enumerate(recording.shots):
+        try:
+            recording.odometry.pose_at(shot.time)
+        except TrajectoryError:
+            continue
+        reached.append(i)
+    spread = np.linspace(0, len(reached) - 1, min(len(reached), _MOST_SHOTS)).round().astype(int)
+    return [reached[i] for i in np.unique(spread) if _readable(recording, reached[i])]
+
+
+def _readable(recording: Recording, index: int) -> bool:
+    try:
+        recording.image(recording.shots[index], gray=True)
+    except ImageError:
+        return False
+    return True
+
+
+def _foot(bundle: Bundle, camera: FloatArray, prior: ShelfPlane) -> Foot:
+    """Return the camera's place at the middle of the way, with the heading that the pallets give."""
+    middle = bundle.poses[len(bundle.poses) // 2]
+    point = compose(middle, np.array([*camera, 0.0]))[:2]
+    if not len(bundle.pallets):
+        return Foot(point, prior.yaw)
+    turned = np.asarray(wrap_angle(bundle.pallets[:, 2] - prior.yaw))
+    foot = Foot(point, prior.yaw + float(np.median(turned)))
+    line = pallet_line(bundle.pallets, bundle.landmark_covariance()[0], foot)
+    return foot if line is None else Foot(point, foot.yaw + line.turn)
+
+
+def motion_refusal(drive: Drive, camera: FloatArray, foot: Foot, prior: ShelfPlane) -> Skipped | None:
+    """Return why the way does not allow to triangulate; None where it does."""
+    poses = drive.poses()
+    local = foot.local(compose(poses, np.tile([*camera, 0.0], (len(poses), 1)))[:, :2])
+    along, deep = np.ptp(local, axis=0)
+    distance = abs(foot.described(prior)[1])
+    if len(poses) < 3:
+        return Skipped(UPRIGHTS, "few_shots", f"{len(poses)} shots are too few to triangulate; three are needed")
+    if deep > 0.05 and np.arctan2(along, deep) < _LEAST_ACROSS:
+        return Skipped(UPRIGHTS, "along_the_ray", "the camera moves towards the shelf: what it sees has no parallax")
+    if along < _LEAST_BASELINE * distance:
+        what = f"the camera moves {along:.2f} m along a shelf {distance:.1f} m away; a fifth of that is needed"
+        return Skipped(UPRIGHTS, "short_baseline", what)
+    return None
+
+
+def _uprights(
+    recording: Recording,
+    shots: list[int],
+    observed: Observed,
+    bundle: Bundle,
+    foot: Foot,
+    pallets: PlaneEstimate | None,
+    prior: ShelfPlane,
+) -> tuple[Observed, Bundle, Edges, FrontLine | None]:
+    rough = foot.plane(pallets.turn, pallets.distance) if pallets else prior
+    poses = bundle.poses
+    views = _views(recording, shots, poses, foot, rough)
+    depth = _NEAR_DEPTH if pallets else _FAR_DEPTH
+    if pallets is None:
+        poses = _least_blurred(views, observed.drive, rough)
+    edges = find_edges(views, poses, rough, depth)
+    sights = measure_edges(views, poses, edges, rough.yaw)
+    edges, sights = triangulated(views, poses, edges, sights)
+    if not len(edges.vote):
+        return observed, bundle, Edges.none(), None
+    observed = replace(observed, edges=tuple(sights))
+    bundle = solve(observed, edges.places)
+    turn_sigma = _KNOWN_TURN if pallets else _ROUGH_TURN
+    line = upright_line(edges, bundle.edges, bundle.landmark_covariance()[1], foot, turn_sigma)
+    return observed, bundle, edges, line
+
+
+def _views(
+    recording: Recording, shots: list[int], poses: FloatArray, foot: Foot, rough: ShelfPlane
+) -> list[LevelView]:
+    distance = max(foot.described(rough)[1], 0.3)
+    views = []
+    for index, pose in zip(shots, poses, strict=True):
+        image = recording.image(recording.shots[index], gray=True)
+        towards = float(wrap_angle(rough.yaw - pose[2]))
+        views.append(level_view(recording.camera, recording.mounting, image, towards, distance))
+    return views
+
+
+def _least_blurred(views: list[LevelView], drive: Drive, rough: ShelfPlane) -> FloatArray:
+    """Return the poses, without the gyroscope's bias, at which most shots agree on upright edges."""
+    tried = [drive.poses(bias=float(bias)) for bias in _BIASES]
+    sharp = [float(np.sort(np.abs(find_edges(views, poses, rough, _FAR_DEPTH).vote))[-12:].sum()) for poses in tried]
+    return tried[int(np.argmax(sharp))]
+
+
+def _common(recording: Recording, estimates: Sequence[PlaneEstimate]) -> FloatArray:
+    """Return what the mounting's uncertainty makes of turn and distance, whatever the method."""
+    distance = next((one.distance for one in estimates if np.isfinite(one.distance)), 2.0)
+    x, y, _, roll, pitch, yaw = recording.mounting.sigma
+    tilt = float(np.hypot(roll, pitch)) * distance
+    return np.diag([yaw**2, max(x, y) ** 2 + tilt**2])

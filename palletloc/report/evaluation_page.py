@@ -25,7 +25,8 @@ from palletloc.report.evaluation_tables import (
     pallet_rows,
     stop_rows,
 )
-from palletloc.report.page import Column, embedded, heading, key_figures, page, paragraph, picture, table
+from palletloc.report.page import Column, embedded, folded, heading, key_figures, page, paragraph, picture, table
+from palletloc.report.shot_stages import ShotStages
 from palletloc.report.source_style import QUANTITIES, STYLES
 from palletloc.report.worst_shots import WorstShot, worst_shots
 
@@ -184,7 +185,7 @@ def _worst(shots: Sequence[WorstShot]) -> Iterator[str]:
         "Single shots with the largest error in parts of what is allowed. In the pictures: pink the true face, green"
         " the measured one."
     )
-    for one in shots:
+    for number, one in enumerate(shots):
         cells = ", ".join(
             f"{quantity.label} {quantity.values([one.error])[0]:+.2f} {quantity.unit}" for quantity in QUANTITIES
         )
@@ -194,3 +195,12 @@ def _worst(shots: Sequence[WorstShot]) -> Iterator[str]:
             yield picture(embedded(one.picture, "jpeg"), text)
         else:
             yield paragraph(text + (f" No picture: {one.problem}." if one.problem else ""))
+        if one.stages:
+            yield folded(one.stages.told, _stages(one.stages), is_open=number == 0)
+
+
+def _stages(stages: ShotStages) -> Iterator[str]:
+    for one in stages.pictures:
+        yield picture(embedded(one.content, "jpeg"), f"{one.caption}.", keep_wide=True)
+    if not stages.pictures:
+        yield paragraph("There is nothing to draw: the recording does not look for pallets of this model.")

@@ -42,6 +42,8 @@ p { max-width: 46em; margin: 0 0 14px; }
 .figures span { color: var(--faint); font-size: 0.92rem; }
 figure { margin: 22px 0; }
 figure img { display: block; width: 100%; height: auto; border: 1px solid var(--line); border-radius: 8px; }
+details { margin: 0 0 26px; border-left: 3px solid var(--line); padding-left: 16px; }
+summary { cursor: pointer; color: var(--faint); }
 figcaption { color: var(--faint); font-size: 0.95rem; margin-top: 8px; max-width: 52em; }
 .wide { overflow-x: auto; }
 .wide img { min-width: 680px; }
@@ -119,6 +121,12 @@ def picture(source: str, caption: str, *, keep_wide: bool = False) -> str:
     if keep_wide:
         image = f'<div class="wide">{image}</div>'
     return f"<figure>{image}<figcaption>{text}</figcaption></figure>"
+
+
+def folded(summary: str, parts: Iterable[str], *, is_open: bool = False) -> str:
+    """Return parts of a page that a click on a line of plain text shows and hides."""
+    attribute = " open" if is_open else ""
+    return f"<details{attribute}><summary>{escape(summary)}</summary>\n{''.join(parts)}\n</details>"
 
 
 def embedded(content: bytes, kind: str = "png") -> str:

@@ -9,10 +9,10 @@ import numpy as np
 
 from palletloc.drawing.canvas import small_png
 from palletloc.evaluation.consistency import chi_square_check
+from palletloc.evaluation.evaluated_recording import EvaluatedRecording
 from palletloc.evaluation.evaluated_run import EvaluatedRun, EvaluatedSource, Settings
 from palletloc.evaluation.recording_truth import RecordingTruth
 from palletloc.evaluation.requirement import RequirementCheck, Verdict
-from palletloc.evaluation.side_by_side import ComparedRuns
 from palletloc.evaluation.time_pairing import TimeRule
 from palletloc.report.aisle_figure import aisle_figure
 from palletloc.report.approach_figure import approach_figure
@@ -40,33 +40,21 @@ _VERDICTS = {
 }
 
 
-def evaluation_page(
-    truth: RecordingTruth,
-    runs: Sequence[EvaluatedRun],
-    settings: Settings,
-    compared: Sequence[ComparedRuns] = (),
-    *,
-    with_pictures: bool = True,
-) -> str:
+def evaluation_page(evaluated: EvaluatedRecording, *, with_pictures: bool = True) -> str:
     """Return the page.
 
     Parameters
     ----------
-    truth : RecordingTruth
-        Of the recording.
-    runs : sequence of EvaluatedRun
-        Over it, at least one.
-    settings : Settings
-        With which they were evaluated.
-    compared : sequence of ComparedRuns
-        The runs side by side.
+    evaluated : EvaluatedRecording
+        The recording with its runs.
     with_pictures : bool
-        Whether to show the images of the worst shots.
+        Whether to show the images and stages of the worst shots.
     """
+    truth, runs, settings = evaluated.truth, evaluated.runs, evaluated.settings
     name = truth.recording.folder.resolve().name
     parts = [heading(f"{name}: measured against the truth", level=1), *_setting(truth, runs[0], settings)]
-    if compared:
-        parts += comparison_parts(compared)
+    if evaluated.compared:
+        parts += comparison_parts(evaluated.compared)
     for run in runs:
         parts += _run(truth, run, settings, with_pictures=with_pictures)
     return page(f"{name}: evaluation", parts)

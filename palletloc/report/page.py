@@ -65,6 +65,20 @@ dd { margin: 0; color: var(--faint); }
 
 
 @dataclass(frozen=True, slots=True)
+class Link:
+    """A cell of a table that leads to another page."""
+
+    text: str
+    """What stands there."""
+    target: str
+    """The page, relative to this one."""
+
+
+Cell = str | Link
+"""What stands in a cell: plain text or a link."""
+
+
+@dataclass(frozen=True, slots=True)
 class Column:
     """A column of a table."""
 
@@ -142,15 +156,21 @@ def embedded(content: bytes, kind: str = "png") -> str:
     return f"data:image/{kind};base64,{base64.b64encode(content).decode('ascii')}"
 
 
-def table(columns: Sequence[Column], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table of plain texts, which a narrow screen scrolls."""
+def table(columns: Sequence[Column], rows: Iterable[Sequence[Cell]]) -> str:
+    """Return a table, which a narrow screen scrolls."""
     kinds = [' class="text"' if column.is_text else "" for column in columns]
     head = "".join(f"<th{kind}>{escape(column.heading)}</th>" for kind, column in zip(kinds, columns, strict=True))
     body = "\n".join(
-        "<tr>" + "".join(f"<td{kind}>{escape(cell)}</td>" for kind, cell in zip(kinds, row, strict=True)) + "</tr>"
+        "<tr>" + "".join(f"<td{kind}>{_cell(cell)}</td>" for kind, cell in zip(kinds, row, strict=True)) + "</tr>"
         for row in rows
     )
     return f'<div class="wide"><table><thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody></table></div>'
+
+
+def _cell(cell: Cell) -> str:
+    if isinstance(cell, Link):
+        return f'<a href="{escape(cell.target)}">{escape(cell.text)}</a>'
+    return escape(cell)
 
 
 def listing(entries: Iterable[tuple[str, str]]) -> str:

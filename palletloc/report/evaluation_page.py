@@ -40,7 +40,7 @@ _VERDICTS = {
 }
 
 
-def evaluation_page(evaluated: EvaluatedRecording, *, with_pictures: bool = True) -> str:
+def evaluation_page(evaluated: EvaluatedRecording, *, with_pictures: bool = True, worst: int | None = None) -> str:
     """Return the page.
 
     Parameters
@@ -49,6 +49,8 @@ def evaluation_page(evaluated: EvaluatedRecording, *, with_pictures: bool = True
         The recording with its runs.
     with_pictures : bool
         Whether to show the images and stages of the worst shots.
+    worst : int, optional
+        How many shots these are.
     """
     truth, runs, settings = evaluated.truth, evaluated.runs, evaluated.settings
     name = truth.recording.folder.resolve().name
@@ -56,7 +58,9 @@ def evaluation_page(evaluated: EvaluatedRecording, *, with_pictures: bool = True
     if evaluated.compared:
         parts += comparison_parts(evaluated.compared)
     for run in runs:
-        parts += _run(truth, run, settings, with_pictures=with_pictures)
+        parts += _run(truth, run, settings)
+        shown = worst_shots(run, truth.recording, settings.requirement, with_pictures=with_pictures, number=worst)
+        parts += _worst(shown)
     return page(f"{name}: evaluation", parts)
 
 
@@ -91,7 +95,7 @@ def _setting(truth: RecordingTruth, run: EvaluatedRun, settings: Settings) -> It
         yield paragraph(f"Survey: {note}")
 
 
-def _run(truth: RecordingTruth, run: EvaluatedRun, settings: Settings, *, with_pictures: bool) -> Iterator[str]:
+def _run(truth: RecordingTruth, run: EvaluatedRun, settings: Settings) -> Iterator[str]:
     yield heading(run.files.name)
     for name, source in run.sources.items():
         yield from _verdict(STYLES[name].label, source)
@@ -116,7 +120,6 @@ def _run(truth: RecordingTruth, run: EvaluatedRun, settings: Settings, *, with_p
             " stop there is no repeatability. The last columns are the survey's own standard deviations."
         )
         yield table(STOPS, stop_rows(run))
-    yield from _worst(worst_shots(run, truth.recording, settings.requirement, with_pictures=with_pictures))
 
 
 def _verdict(label: str, source: EvaluatedSource) -> Iterator[str]:

@@ -173,9 +173,9 @@ def _cell(cell: Cell) -> str:
     return escape(cell)
 
 
-def listing(entries: Iterable[tuple[str, str]]) -> str:
-    """Return names with what they mean."""
-    items = (f"<dt><code>{escape(name)}</code></dt><dd>{escape(meaning)}</dd>" for name, meaning in entries)
+def listing(entries: Iterable[tuple[Cell, str]]) -> str:
+    """Return names, or links, with what they mean."""
+    items = (f"<dt><code>{_cell(name)}</code></dt><dd>{escape(meaning)}</dd>" for name, meaning in entries)
     return f"<dl>{''.join(items)}</dl>"
 
 

@@ -21,7 +21,7 @@ from palletloc.offline import Job
 from palletloc.report.shot_stages import ShotStages, shot_stages, stage_job
 
 WORST = 4
-"""How many are shown."""
+"""How many are shown, where nothing else is asked."""
 _WIDEST, _QUALITY = 1040, 85
 
 
@@ -44,7 +44,12 @@ class WorstShot:
 
 
 def worst_shots(
-    run: EvaluatedRun, recording: Recording, requirement: Requirement, *, with_pictures: bool = True
+    run: EvaluatedRun,
+    recording: Recording,
+    requirement: Requirement,
+    *,
+    with_pictures: bool = True,
+    number: int | None = None,
 ) -> list[WorstShot]:
     """Return the single-shot measurements whose errors are the largest parts of what is allowed.
 
@@ -58,18 +63,20 @@ def worst_shots(
         What is allowed.
     with_pictures : bool
         Whether to read the images, and to localize the shots once more to draw every stage.
+    number : int, optional
+        How many; `WORST` if left out.
 
     Returns
     -------
     list of WorstShot
-        The worst first, at most `WORST`.
+        The worst first.
     """
     source = run.sources.get(SHOTS_SOURCE)
-    errors = sorted(source.errors if source else (), key=lambda one: -_share(one, requirement))[:WORST]
+    errors = sorted(source.errors if source else (), key=lambda one: -_share(one, requirement))
     shots = {shot.time: shot for shot in recording.shots}
     job = stage_job(recording, run.files.folder)
     found = []
-    for one in errors:
+    for one in errors[: WORST if number is None else number]:
         shot = shots[one.time]
         plain = WorstShot(one, shot.file, _share(one, requirement), b"")
         found.append(_drawn(plain, shot, job) if with_pictures else plain)

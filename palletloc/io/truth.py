@@ -42,6 +42,11 @@ class Truth:
     """The pallets of the scene."""
 
 
+def has_true_path(folder: Path) -> bool:
+    """Return whether a recording has the forklift's true path; without it, a survey at stops may be all there is."""
+    return any((folder / "truth" / name).exists() for name in ("forklift.csv", "forklift.tum"))
+
+
 def read_truth(folder: str | Path) -> Truth:
     """Read the truth of a recording.
 

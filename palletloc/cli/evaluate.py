@@ -28,14 +28,17 @@ from palletloc.evaluation.evaluated_run import (
 )
 from palletloc.evaluation.metrics import METRICS
 from palletloc.evaluation.proportion import Proportion
-from palletloc.evaluation.recording_truth import read_recording_truth
+from palletloc.evaluation.recording_truth import RecordingTruth, read_recording_truth
 from palletloc.evaluation.requirement import Requirement
 from palletloc.evaluation.run_files import RunFiles, read_run
 from palletloc.evaluation.run_match import NEAREST_LIMIT
 from palletloc.evaluation.side_by_side import ComparedRuns
+from palletloc.evaluation.survey_document import survey_notes
 from palletloc.evaluation.time_pairing import TimeRule
 from palletloc.io.recording import Recording
 
+_NOTES = 8
+"""How many notes about a survey are printed."""
 _QUANTITIES = (
     ("yaw \N{DEGREE SIGN}", 3, 180 / np.pi, 2),
     ("depth mm", 0, 1000.0, 1),
@@ -134,7 +137,7 @@ def _evaluate_one(
     console.print(_table(runs))
     if compared:
         console.print(_compared(compared))
-    for line in _remarks(runs):
+    for line in (*_remarks(runs), *_notes(truth, settings)):
         console.print(Text(line), soft_wrap=True)
     console.print(Text(f"look at {out / REPORT}"), soft_wrap=True)
 
@@ -230,6 +233,14 @@ def _compared(compared: Sequence[ComparedRuns]) -> Table:
 
 def _counted(one: Proportion) -> str:
     return f"{one.successes} of {one.trials}"
+
+
+def _notes(truth: RecordingTruth, settings: Settings) -> list[str]:
+    """Return the first notes about the survey."""
+    notes = list(survey_notes(truth, settings.stop_limit))
+    more = len(notes) - _NOTES
+    rest = [f"survey: {more} more notes; {METRICS} lists all"] if more > 0 else []
+    return [*(f"survey: {note}" for note in notes[:_NOTES]), *rest]
 
 
 def _remarks(runs: Sequence[EvaluatedRun]) -> list[str]:

@@ -28,6 +28,7 @@ from palletloc.report.evaluation_tables import (
 from palletloc.report.page import Column, embedded, folded, heading, key_figures, page, paragraph, picture, table
 from palletloc.report.shot_stages import ShotStages
 from palletloc.report.source_style import QUANTITIES, STYLES
+from palletloc.report.survey_section import survey_parts
 from palletloc.report.worst_shots import WorstShot, worst_shots
 
 REPORT = "report.html"
@@ -61,6 +62,8 @@ def evaluation_page(evaluated: EvaluatedRecording, *, with_pictures: bool = True
         parts += _run(truth, run, settings)
         shown = worst_shots(run, truth.recording, settings.requirement, with_pictures=with_pictures, number=worst)
         parts += _worst(shown)
+    if truth.surveyed is not None:
+        parts += survey_parts(truth.surveyed, truth, settings.stop_limit)
     return page(f"{name}: evaluation", parts)
 
 
@@ -85,14 +88,6 @@ def _setting(truth: RecordingTruth, run: EvaluatedRun, settings: Settings) -> It
     if run.without_truth:
         told += f" {len(run.without_truth)} of the shots have no truth and are left out."
     yield paragraph(told)
-    if truth.agreement:
-        worst = max(float(np.abs(one.normalised).max()) for one in truth.agreement)
-        yield paragraph(
-            f"Survey and path agree within {worst:.1f} standard deviations of the survey over"
-            f" {len(truth.agreement)} poses."
-        )
-    for note in truth.surveyed.notes if truth.surveyed else ():
-        yield paragraph(f"Survey: {note}")
 
 
 def _run(truth: RecordingTruth, run: EvaluatedRun, settings: Settings) -> Iterator[str]:
@@ -117,7 +112,8 @@ def _run(truth: RecordingTruth, run: EvaluatedRun, settings: Settings) -> Iterat
         yield heading("At the surveyed stops", level=3)
         yield paragraph(
             "Accuracy AP and repeatability RP in the terms of ISO 9283, against the survey; with a single shot at a"
-            " stop there is no repeatability. The last columns are the survey's own standard deviations."
+            " stop there is no repeatability. The last columns are the standard deviations of the truth itself; the"
+            " end of this page says where they come from."
         )
         yield table(STOPS, stop_rows(run))
 

@@ -76,14 +76,14 @@ def stop_rows(run: EvaluatedRun) -> Iterator[list[str]]:
             yield [
                 *(STYLES[name].label, stop.stop, stop.pallet, str(one.n), f"{1000 * one.ap:.1f}"),
                 _known(1000 * one.rp, 1),
-                f"{math.degrees(one.ap_yaw):.2f}",
+                _known(math.degrees(one.ap_yaw), 2),
                 _known(math.degrees(one.rp_yaw), 2),
                 *(f"{1000 * sigma[0]:.1f}", f"{1000 * sigma[1]:.1f}", f"{math.degrees(sigma[3]):.2f}"),
             ]
 
 
 def _known(value: float, digits: int) -> str:
-    return f"{value:.{digits}f}" if math.isfinite(value) else "\N{EN DASH}"
+    return f"{round(value, digits) + 0.0:.{digits}f}" if math.isfinite(value) else "\N{EN DASH}"
 
 
 _COMPARED = (

@@ -10,7 +10,7 @@ BIN := $(VENV)/bin
 .PHONY: demo test slow check format docs bench build clean
 .DEFAULT_GOAL := demo
 
-demo: $(VENV)/installed  ## localize the pallets of the sample, write pictures and a page
+demo: $(VENV)/installed  ## localize, track and evaluate the sample, write a page to look at
 	$(BIN)/palletloc demo
 
 test: $(VENV)/installed-test  ## the tests and the examples in the documentation

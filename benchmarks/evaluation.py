@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import shutil
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
@@ -10,18 +11,20 @@ from time import perf_counter
 
 import numpy as np
 
-from benchmarks.tables import Column, Section
+from benchmarks.tables import Column, Section, Value
 from palletloc.evaluation.batch import BatchJob
 from palletloc.evaluation.cluster import evaluate_in_parallel
 from palletloc.evaluation.evaluated_run import Settings
 from palletloc.geometry import LevelPose, level_pose
-from palletloc.io.measurements import write_measurements
-from palletloc.io.recording import read_recording
-from palletloc.io.truth import read_truth
+from palletloc.io.csv_table import write_rows
+from palletloc.io.measurements import format_time, write_measurements
+from palletloc.io.recording import SHOT_COLUMNS, read_recording
+from palletloc.io.truth import Truth, read_truth, write_truth
 from palletloc.measurement import PalletMeasurement, YawSource
+from palletloc.trajectory import Trajectory
 
-RECORDINGS = 100
-"""How many evaluations there are."""
+RECORDINGS, SHOTS = 100, 60
+"""How many evaluations there are, and how many shots each recording has: an approach of 6 s at 10 Hz."""
 GOAL = 0.6
 """Time of two workers in parts of that of one."""
 _COLUMNS = (Column("what"), Column("median", 2), Column("unit"), Column("ratio", 2), Column("goal", 2))
@@ -33,41 +36,54 @@ def measure_evaluation(recording: Path, rounds: int) -> list[Section]:
     Parameters
     ----------
     recording : Path
-        With truth; it is evaluated again and again.
+        With truth. A copy with more shots, without images, is evaluated again and again.
     rounds : int
         How often everything is timed, in turns.
 
     Returns
     -------
     list of Section
-        One table. The time runs from the first result to the last: starting and ending the workers plays no part.
+        One table: whole times, with starting and ending the workers, and those from the first result to the last.
     """
     with TemporaryDirectory() as folder:
-        _write_run(recording, Path(folder) / "run")
-        name = str(Path(folder) / "run")
-        jobs = [
-            BatchJob(recording.resolve(), (name,), Path(folder) / str(number), Settings())
-            for number in range(RECORDINGS)
-        ]
-        pairs = [(_time(jobs, 1), _time(jobs, 2)) for _ in range(rounds)]
-    one, two = (median(times) for times in zip(*pairs, strict=True))
-    ratio = median(second / first for first, second in pairs)
-    rows = (
-        (f"{RECORDINGS} recordings, one worker", one, "s", 1.0, None),
-        (f"{RECORDINGS} recordings, two workers", two, "s", ratio, GOAL),
-    )
-    return [Section("Evaluation in parallel", _COLUMNS, rows)]
+        copy = Path(folder) / "recording"
+        _write_longer(recording, copy)
+        _write_run(copy, copy / "run")
+        jobs = [BatchJob(copy, ("run",), Path(folder) / str(number), Settings()) for number in range(RECORDINGS)]
+        pairs = [(_times(jobs, 1), _times(jobs, 2)) for _ in range(rounds)]
+    return [Section("Evaluation in parallel", _COLUMNS, tuple(_rows(pairs)))]
 
 
-def _time(jobs: Sequence[BatchJob], workers: int) -> float:
-    results = evaluate_in_parallel(jobs, workers)
-    next(results)
-    started = last = perf_counter()
-    for result in results:
-        last = perf_counter()
+def _rows(pairs: Sequence[tuple[tuple[float, float], tuple[float, float]]]) -> Iterator[tuple[Value, ...]]:
+    for number, what in enumerate(("start and end included", "first to last result")):
+        chosen = [(one[number], two[number]) for one, two in pairs]
+        times = [median(some) for some in zip(*chosen, strict=True)]
+        ratio = median(two / one for one, two in chosen)
+        yield (f"{RECORDINGS} recordings, one worker, {what}", times[0], "s", 1.0, None)
+        yield (f"{RECORDINGS} recordings, two workers, {what}", times[1], "s", ratio, GOAL)
+
+
+def _times(jobs: Sequence[BatchJob], workers: int) -> tuple[float, float]:
+    """Return how long it takes as a whole, and from the first result to the last."""
+    begin, arrivals = perf_counter(), []
+    for result in evaluate_in_parallel(jobs, workers):
+        arrivals.append(perf_counter())
         if result.problem:
             raise RuntimeError(result.problem)
-    return last - started
+    return perf_counter() - begin, arrivals[-1] - arrivals[0]
+
+
+def _write_longer(recording: Path, folder: Path) -> None:
+    """Write a copy without images that has more shots along the same path, each with its truth."""
+    shutil.copytree(recording, folder, ignore=shutil.ignore_patterns("images", "survey*"))
+    truth = read_truth(recording)
+    start, end = truth.forklift.span
+    times = np.linspace(start, end, SHOTS).round(6)
+    poses = [truth.forklift.pose_at(min(float(time), end)) for time in times]
+    x, y, z, yaw = np.array([pose.as_array() for pose in poses]).T
+    write_truth(folder, Truth(Trajectory(times, x, y, yaw, z), truth.pallets))
+    files = ([format_time(float(time)), f"images/{number:06}.jpg"] for number, time in enumerate(times))
+    write_rows(folder / "shots.csv", SHOT_COLUMNS, files)
 
 
 def _write_run(recording: Path, folder: Path) -> None:

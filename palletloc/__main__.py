@@ -5,6 +5,7 @@ import sys
 from palletloc.cli.app import COMMANDS as OWN_COMMANDS
 from palletloc.cli.app import Command, run
 
+_DEMO = Command("demo", "tracking.demo:demo", "Localize, track and evaluate the sample that comes along.")
 _TRACK = Command("track", "tracking.cli:track", "Follow the pallets of a recording from shot to shot.")
 _CONFIG = Command("config", "tracking.cli:config", "Print every parameter with its default.")
 _CALIBRATE = Command(
@@ -17,8 +18,8 @@ def _with_others() -> tuple[Command, ...]:
     commands = {command.name: command for command in OWN_COMMANDS}
     names = list(commands)
     names.insert(names.index("localize") + 1, _TRACK.name)
-    commands |= {command.name: command for command in (_TRACK, _CONFIG, _CALIBRATE)}
-    return tuple(commands[name] for name in (*names, _CALIBRATE.name))
+    commands |= {command.name: command for command in (_DEMO, _TRACK, _CONFIG, _CALIBRATE)}
+    return tuple(commands[name] for name in (_DEMO.name, *names, _CALIBRATE.name))
 
 
 COMMANDS = _with_others()

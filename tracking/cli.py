@@ -22,7 +22,7 @@ from palletloc.io.config_file import format_config, read_config
 from palletloc.io.recording import Recording, read_recording
 from palletloc.io.run_folder import MEASUREMENTS, Run, RunFolder
 from palletloc.io.tracks import TrackRow
-from palletloc.io.truth import Truth, read_truth
+from palletloc.io.truth import Truth, path_file, read_truth
 from palletloc.measurement import PalletMeasurement
 from palletloc.offline import read_job
 from palletloc.track_status import Status
@@ -118,8 +118,8 @@ def _refuse_others(context: typer.Context) -> None:
 
 
 def _truth_of(recording: Recording) -> Truth | None:
-    """Return the truth for the picture, where there is any; its faults are found before the work begins."""
-    return read_truth(recording.folder) if (recording.folder / "truth").is_dir() else None
+    """Return the truth for the picture, where it has a path; its faults are found before the work begins."""
+    return read_truth(recording.folder) if path_file(recording.folder) else None
 
 
 def _localized(

@@ -41,7 +41,6 @@ class Command:
 
 
 COMMANDS = (
-    Command("demo", "palletloc.cli.demo:demo", "Localize the pallets of the sample that comes along."),
     Command("localize", "palletloc.cli.localize:localize", "Measure the pallets in each shot of a recording."),
     Command("evaluate", "palletloc.cli.evaluate:evaluate", "Hold measured poses against the truth of a recording."),
     Command("explain", "palletloc.cli.explain:explain", "Draw every stage of the localization of one shot."),

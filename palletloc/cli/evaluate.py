@@ -14,29 +14,31 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from palletloc.cli.evaluate_batch import evaluate_batch
+from palletloc.cli.evaluate_batch import Workers, evaluate_batch
 from palletloc.errors import PalletLocError
-from palletloc.evaluation.error_table import ERRORS, write_errors
+from palletloc.evaluation.batch import find_jobs
 from palletloc.evaluation.errors import Sight
 from palletloc.evaluation.estimate_error import COMPONENTS, offsets
+from palletloc.evaluation.evaluated_recording import evaluate_recording, write_results
 from palletloc.evaluation.evaluated_run import (
     INTERPOLATED_LIMIT,
     EvaluatedRun,
     EvaluatedSource,
     Settings,
-    evaluate_run,
 )
-from palletloc.evaluation.metrics import METRICS, metrics_document, metrics_text
+from palletloc.evaluation.metrics import METRICS
 from palletloc.evaluation.proportion import Proportion
-from palletloc.evaluation.recording_truth import read_recording_truth
+from palletloc.evaluation.recording_truth import RecordingTruth, read_recording_truth
 from palletloc.evaluation.requirement import Requirement
 from palletloc.evaluation.run_files import RunFiles, read_run
 from palletloc.evaluation.run_match import NEAREST_LIMIT
-from palletloc.evaluation.side_by_side import ComparedRuns, side_by_side
+from palletloc.evaluation.side_by_side import ComparedRuns
+from palletloc.evaluation.survey_document import survey_notes
 from palletloc.evaluation.time_pairing import TimeRule
-from palletloc.io.atomic import write_text
 from palletloc.io.recording import Recording
 
+_NOTES = 8
+"""How many notes about a survey are printed."""
 _QUANTITIES = (
     ("yaw \N{DEGREE SIGN}", 3, 180 / np.pi, 2),
     ("depth mm", 0, 1000.0, 1),
@@ -96,7 +98,9 @@ def evaluate(
     settings = _settings(max_range, pair, pair_limit, stop_limit, requirement_yaw_deg, requirement_mm)
     if batch is not None and recording is None:
         _check_batch(estimate, workers, scheduler)
-        evaluate_batch(batch, [str(one) for one in estimate], out, settings, workers, scheduler)
+        names = [str(one) for one in estimate]
+        jobs = find_jobs(batch, names, out, settings)
+        evaluate_batch(jobs, batch, out, Workers(workers, scheduler), with_pictures=not no_pictures)
     elif recording is None or batch is not None:
         raise typer.BadParameter("expected either RECORDING or --batch DIR", param_hint="RECORDING")
     elif workers is not None or scheduler is not None:
@@ -122,21 +126,18 @@ def _evaluate_one(
 ) -> None:
     """Evaluate the runs over one recording, write the results and print the tables."""
     truth = read_recording_truth(recording)
-    runs = [evaluate_run(truth, files, settings) for files in _read_runs(estimate, truth.recording)]
-    compared = side_by_side(runs)
-    text = metrics_text(metrics_document(truth, runs, settings, compared))
+    evaluated = evaluate_recording(truth, _read_runs(estimate, truth.recording), settings)
+    runs, compared = evaluated.runs, evaluated.compared
     with Console(stderr=True).status("Drawing"):
         from palletloc.report.evaluation_page import REPORT, evaluation_page  # drawing is slow to import
 
-        page = evaluation_page(truth, runs, settings, compared, with_pictures=with_pictures)
-    write_errors(out / ERRORS, runs, "survey" if truth.path is None else "path")
-    write_text(out / METRICS, text)
-    write_text(out / REPORT, page)
+        page = evaluation_page(evaluated, with_pictures=with_pictures)
+    write_results(evaluated, out, {REPORT: page})
     console = Console()
     console.print(_table(runs))
     if compared:
         console.print(_compared(compared))
-    for line in _remarks(runs):
+    for line in (*_remarks(runs), *_notes(truth, settings)):
         console.print(Text(line), soft_wrap=True)
     console.print(Text(f"look at {out / REPORT}"), soft_wrap=True)
 
@@ -232,6 +233,14 @@ def _compared(compared: Sequence[ComparedRuns]) -> Table:
 
 def _counted(one: Proportion) -> str:
     return f"{one.successes} of {one.trials}"
+
+
+def _notes(truth: RecordingTruth, settings: Settings) -> list[str]:
+    """Return the first notes about the survey."""
+    notes = list(survey_notes(truth, settings.stop_limit))
+    more = len(notes) - _NOTES
+    rest = [f"survey: {more} more notes; {METRICS} lists all"] if more > 0 else []
+    return [*(f"survey: {note}" for note in notes[:_NOTES]), *rest]
 
 
 def _remarks(runs: Sequence[EvaluatedRun]) -> list[str]:

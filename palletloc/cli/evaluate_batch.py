@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +14,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 from rich.text import Text
 
-from palletloc.evaluation.batch import BatchResult, SourceTotals, batch_document, find_jobs, pooled
+from palletloc.evaluation.batch import BatchJob, BatchResult, SourceTotals, batch_document, pooled
 from palletloc.evaluation.cluster import evaluate_in_parallel
 from palletloc.evaluation.errors import EvaluationError
-from palletloc.evaluation.evaluated_run import Settings
 from palletloc.evaluation.metrics import metrics_text
 from palletloc.evaluation.requirement import Requirement, check_requirement
 from palletloc.io.atomic import write_text
@@ -24,51 +25,72 @@ BATCH = "batch.json"
 """Name of the file about all recordings."""
 
 
+@dataclass(frozen=True, slots=True)
+class Workers:
+    """Who does the work."""
+
+    count: int | None = None
+    """How many processes of our own; None for as many as there are processors."""
+    scheduler: str | None = None
+    """Address of a scheduler whose workers to use instead."""
+
+
 def evaluate_batch(
-    folder: Path,
-    estimates: Sequence[str],
-    out: Path,
-    settings: Settings,
-    workers: int | None = None,
-    scheduler: str | None = None,
+    jobs: Sequence[BatchJob], folder: Path, out: Path, workers: Workers, *, with_pictures: bool = True
 ) -> None:
-    """Evaluate all recordings in a folder, and print a table.
+    """Evaluate recordings, write what there is about all of them together, and print a table.
 
     Parameters
     ----------
+    jobs : sequence of BatchJob
+        One for each recording, with the same settings.
     folder : Path
-        With a folder for each recording.
-    estimates : sequence of str
-        Folders of the runs, relative to each recording.
+        The recordings' folder.
     out : Path
-        For the results: batch.json, and a folder for each recording.
-    settings : Settings
-        How to evaluate.
-    workers, scheduler
-        As for `palletloc.evaluation.cluster.evaluate_in_parallel`.
+        For the results: batch.json, index.html, and a folder for each recording.
+    workers : Workers
+        Who does the work.
+    with_pictures : bool
+        Whether reports show the images and stages of the worst shots.
 
     Raises
     ------
     PalletLocError
-        If there is no recording, none can be evaluated, or Dask cannot be used.
+        If a recording cannot be evaluated, when all others are, or if Dask cannot be used.
     """
-    jobs = find_jobs(folder, estimates, out, settings)
-    console, results = Console(stderr=True), []
+    results = sorted(_evaluated(jobs, workers, with_pictures), key=lambda result: result.name)
+    failed = [result for result in results if result.problem]
+    if len(failed) == len(results):
+        raise EvaluationError(f"{folder}: none of {len(results)} recordings can be evaluated: {failed[0].problem}")
+    settings = jobs[0].settings
+    with Console(stderr=True).status("Drawing"):
+        from palletloc.report.batch_page import INDEX, batch_page  # drawing is slow to import
+
+        page = batch_page(folder, results, settings.requirement)
+    write_text(out / BATCH, metrics_text(batch_document(folder, results, settings)))
+    write_text(out / INDEX, page)
+    stdout = Console()
+    stdout.print(_table(results, settings.requirement))
+    stdout.print(Text(f"look at {out / INDEX}"), soft_wrap=True)
+    if failed:
+        names = ", ".join(result.name for result in failed)
+        count = f"{len(failed)} of {len(results)} recordings"
+        raise EvaluationError(f"{folder}: {count} could not be evaluated: {names}; the others are")
+
+
+def _evaluated(jobs: Sequence[BatchJob], workers: Workers, with_pictures: bool) -> Iterator[BatchResult]:
+    """Yield the results as they come, and tell of failures."""
+    from palletloc.report.evaluation_job import report_job  # drawing is slow to import
+
+    console, work = Console(stderr=True), partial(report_job, with_pictures=with_pictures)
     columns = (TextColumn("Evaluating"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
         bar = progress.add_task("", total=len(jobs))
-        for result in evaluate_in_parallel(jobs, workers, scheduler):
-            results.append(result)
+        for result in evaluate_in_parallel(jobs, workers.count, workers.scheduler, work):
+            yield result
             progress.advance(bar)
             if result.problem:
                 console.print(Text(f"palletloc: skipped: {result.name}: {result.problem}"), soft_wrap=True)
-    results.sort(key=lambda result: result.name)
-    if not any(result.totals for result in results):
-        raise EvaluationError(f"{folder}: none of {len(results)} recordings can be evaluated: {results[0].problem}")
-    write_text(out / BATCH, metrics_text(batch_document(folder, results, settings)))
-    stdout = Console()
-    stdout.print(_table(results, settings.requirement))
-    stdout.print(Text(f"results: {out}"), soft_wrap=True)
 
 
 def _table(results: Sequence[BatchResult], requirement: Requirement) -> Table:

@@ -84,6 +84,21 @@ def small_png(figure: Figure, colors: int = 128) -> bytes:
     return buffer.getvalue()
 
 
+def as_jpeg(content: bytes, quality: int = 80) -> bytes:
+    """Return a picture, given as the content of a file, as a JPEG: smaller where it holds photographs.
+
+    Parameters
+    ----------
+    content : bytes
+        Of a PNG file.
+    quality : int
+        Of the JPEG, at most 95.
+    """
+    buffer = io.BytesIO()
+    PillowImage.open(io.BytesIO(content)).convert("RGB").save(buffer, format="jpeg", quality=quality, optimize=True)
+    return buffer.getvalue()
+
+
 def show_view(axes: Axes, view: PlaneView) -> None:
     """Show the image of a plane on metric axes; what the camera does not see is white, what is dark brightened.
 

@@ -12,7 +12,7 @@ from palletloc.candidate import Candidate, ShotView
 from palletloc.drawing.canvas import MEASURED, REFUSED, png
 from palletloc.drawing.face_figure import face_figure
 from palletloc.drawing.horizontal_figure import horizontal_figure
-from palletloc.drawing.naming import name_candidates
+from palletloc.drawing.naming import Named, name_candidates
 from palletloc.drawing.overlay import Mark, cut_out, draw_overlay, region_of_interest
 from palletloc.drawing.plan_figure import plan_figure
 from palletloc.drawing.search_figure import search_figure
@@ -68,12 +68,10 @@ def stage_pictures(
         In the order of the stages; drawn one by one.
     """
     named = name_candidates(explanation)
-    if explanation.shelf_views:
-        figure = shelf_figure(explanation.shelf_views, named)
-        yield Picture("1-shelf", "Where pallets were looked for, and where they were found", ".png", png(figure))
+    yield from shelf_pictures(explanation, named)
     drawable = [(name, one) for name, one in named if np.isfinite(one.start.as_array()).all()]
     steps = [(name, one) for name, one in drawable if one.refusal is None or with_refused]
-    yield from _candidate_pictures(steps, shot)
+    yield from step_pictures(steps, shot)
     # on the shelf, what was given up lies too densely to be told apart in the shot
     seen = [(name, one) for name, one in steps if one.refusal is None or not explanation.shelf_views]
     yield from _overlay_pictures(seen, shot)
@@ -86,8 +84,28 @@ def stage_pictures(
     yield Picture("6-plan", "The pallets and the forklift from above", ".png", png(figure))
 
 
-def _candidate_pictures(named: Sequence[tuple[str, Candidate]], shot: ShotView) -> Iterator[Picture]:
-    """Draw the steps of single candidates, as far as they came."""
+def shelf_pictures(explanation: Explanation, named: Named) -> Iterator[Picture]:
+    """Draw the shelf's plane, if pallets were looked for there."""
+    if explanation.shelf_views:
+        figure = shelf_figure(explanation.shelf_views, named)
+        yield Picture("1-shelf", "Where pallets were looked for, and where they were found", ".png", png(figure))
+
+
+def step_pictures(named: Sequence[tuple[str, Candidate]], shot: ShotView) -> Iterator[Picture]:
+    """Draw the steps of single candidates, as far as they came.
+
+    Parameters
+    ----------
+    named : sequence of (str, Candidate)
+        With the names to call them by.
+    shot : ShotView
+        The shot.
+
+    Yields
+    ------
+    Picture
+        PNG files: step by step, and in each candidate by candidate.
+    """
     for name, one in named:
         if one.horizontal:
             content = png(horizontal_figure(name, one))

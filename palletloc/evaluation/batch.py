@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,19 +11,18 @@ import numpy as np
 
 from palletloc.errors import PalletLocError
 from palletloc.evaluation.consistency import chi_square_check
-from palletloc.evaluation.error_table import ERRORS, write_errors
+from palletloc.evaluation.error_table import ERRORS
 from palletloc.evaluation.errors import EvaluationError
 from palletloc.evaluation.estimate_error import COMPONENTS, offsets
-from palletloc.evaluation.evaluated_run import EvaluatedRun, Settings, evaluate_run
-from palletloc.evaluation.metrics import METRICS, check_document, metrics_document, metrics_text
+from palletloc.evaluation.evaluated_recording import EvaluatedRecording, evaluate_recording, write_results
+from palletloc.evaluation.evaluated_run import EvaluatedRun, Settings
+from palletloc.evaluation.metrics import METRICS, check_document
 from palletloc.evaluation.proportion import clopper_pearson
 from palletloc.evaluation.recording_truth import read_recording_truth
 from palletloc.evaluation.requirement import Requirement, check_requirement
 from palletloc.evaluation.run_files import read_run
-from palletloc.evaluation.side_by_side import side_by_side
 from palletloc.evaluation.spread import spread
 from palletloc.geometry import FloatArray
-from palletloc.io.atomic import write_text
 from palletloc.io.recording import RECORDING
 
 
@@ -94,34 +93,43 @@ def find_jobs(folder: Path, estimates: Sequence[str], out: Path, settings: Setti
     """
     if not folder.is_dir():
         raise EvaluationError(f"{folder}: no such folder; expected recordings in it")
-    found = sorted(path.parent.resolve() for path in folder.glob(f"*/{RECORDING}"))
+    found = sorted(path.parent for path in folder.absolute().glob(f"*/{RECORDING}"))
     if not found:
         raise EvaluationError(f"{folder}: no recordings in it; expected folders with {RECORDING}")
-    return tuple(BatchJob(path, tuple(estimates), out.resolve() / path.name, settings) for path in found)
+    return tuple(BatchJob(path, tuple(estimates), out.absolute() / path.name, settings) for path in found)
 
 
-def evaluate_job(job: BatchJob) -> BatchResult:
+def evaluate_job(
+    job: BatchJob, others: Callable[[EvaluatedRecording], Mapping[str, str]] | None = None
+) -> BatchResult:
     """Evaluate one recording and write its metrics.json and errors.csv.
 
     A recording that cannot be evaluated gives a result with the problem; what an earlier call wrote for it is
     removed.
+
+    Parameters
+    ----------
+    job : BatchJob
+        What to do.
+    others : callable, optional
+        Gives further files, by name, to be written with the two.
     """
     try:
-        return BatchResult(job.recording.name, _evaluated(job))
+        return BatchResult(job.recording.name, _evaluated(job, others))
     except (PalletLocError, OSError) as error:
         for name in (METRICS, ERRORS):
             (job.out / name).unlink(missing_ok=True)
         return BatchResult(job.recording.name, problem=" ".join(str(error).split()))
 
 
-def _evaluated(job: BatchJob) -> tuple[SourceTotals, ...]:
+def _evaluated(
+    job: BatchJob, others: Callable[[EvaluatedRecording], Mapping[str, str]] | None
+) -> tuple[SourceTotals, ...]:
     truth = read_recording_truth(job.recording)
     files = [read_run(job.recording / name, truth.recording, name) for name in job.estimates]
-    runs = [evaluate_run(truth, one, job.settings) for one in files]
-    text = metrics_text(metrics_document(truth, runs, job.settings, side_by_side(runs)))
-    write_errors(job.out / ERRORS, runs, "survey" if truth.path is None else "path")
-    write_text(job.out / METRICS, text)
-    return tuple(one for run in runs for one in _totals(run))
+    evaluated = evaluate_recording(truth, files, job.settings)
+    write_results(evaluated, job.out, others(evaluated) if others else None)
+    return tuple(one for run in evaluated.runs for one in _totals(run))
 
 
 def _totals(run: EvaluatedRun) -> list[SourceTotals]:

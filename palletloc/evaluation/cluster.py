@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from palletloc.errors import PalletLocError
@@ -19,7 +19,10 @@ class ClusterError(PalletLocError):
 
 
 def evaluate_in_parallel(
-    jobs: Sequence[BatchJob], workers: int | None = None, scheduler: str | None = None
+    jobs: Sequence[BatchJob],
+    workers: int | None = None,
+    scheduler: str | None = None,
+    work: Callable[[BatchJob], BatchResult] = evaluate_job,
 ) -> Iterator[BatchResult]:
     """Evaluate recordings and give the results as they come.
 
@@ -32,6 +35,8 @@ def evaluate_in_parallel(
         left out.
     scheduler : str, optional
         Address of a scheduler to use instead, like ``tcp://127.0.0.1:8786``.
+    work : callable
+        What a worker does with a job.
 
     Yields
     ------
@@ -57,7 +62,7 @@ def evaluate_in_parallel(
             told = " ".join(str(error).split()) or type(error).__name__
             raise ClusterError(f"--scheduler {scheduler}: cannot be reached: {told}") from None
         with client:
-            yield from _results(client, as_completed, jobs)
+            yield from _results(client, as_completed, jobs, work)
         return
     count = min(workers or os.cpu_count() or 1, len(jobs))
     cluster = LocalCluster(
@@ -68,11 +73,13 @@ def evaluate_in_parallel(
         silence_logs=logging.CRITICAL,
     )
     with cluster, Client(cluster) as client:
-        yield from _results(client, as_completed, jobs)
+        yield from _results(client, as_completed, jobs, work)
 
 
-def _results(client: Any, as_completed: Any, jobs: Sequence[BatchJob]) -> Iterator[BatchResult]:
-    futures = client.map(evaluate_job, jobs, pure=False)
+def _results(
+    client: Any, as_completed: Any, jobs: Sequence[BatchJob], work: Callable[[BatchJob], BatchResult]
+) -> Iterator[BatchResult]:
+    futures = client.map(work, jobs, pure=False)
     names = {future.key: job.recording.name for future, job in zip(futures, jobs, strict=True)}
     for future in as_completed(futures):
         error = future.exception()

@@ -7,7 +7,9 @@ from enum import StrEnum
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import chi2
+from scipy.special import gammaincinv
+
+from palletloc.geometry import FloatArray
 
 
 class Consistency(StrEnum):
@@ -105,7 +107,7 @@ def chi_square_check(values: ArrayLike, freedom: ArrayLike, confidence: float = 
     if not n:
         nan = float("nan")
         return ChiSquareCheck(0, unknown, 0, nan, nan, nan, nan, nan, nan, confidence)
-    low, high = (chi2.ppf(tail, degrees.sum()) / n for tail in ((1 - confidence) / 2, (1 + confidence) / 2))
+    low, high = (_chi_square(tail, degrees.sum()) / n for tail in ((1 - confidence) / 2, (1 + confidence) / 2))
     return ChiSquareCheck(
         n,
         unknown,
@@ -115,6 +117,11 @@ def chi_square_check(values: ArrayLike, freedom: ArrayLike, confidence: float = 
         median=float(np.median(squares)),
         low=float(low),
         high=float(high),
-        inside=float(np.mean(squares <= chi2.ppf(confidence, degrees))),
+        inside=float(np.mean(squares <= _chi_square(confidence, degrees))),
         confidence=confidence,
     )
+
+
+def _chi_square(probability: float, degrees: FloatArray) -> FloatArray:
+    """Return quantiles of chi-square; scipy.stats has them too, but takes longer to import than this package."""
+    return np.asarray(2 * gammaincinv(degrees / 2, probability))

@@ -20,6 +20,7 @@ from palletloc.evaluation.shot_match import Detection, ShotMatch, detection, mat
 from palletloc.evaluation.surveyed_truth import SurveyedStop
 from palletloc.evaluation.time_pairing import TimeRule, nearest_pairs
 from palletloc.geometry import LevelPose
+from palletloc.io.truth import path_file
 
 INTERPOLATED_LIMIT = 0.5
 """How far apart the truth's samples on both sides of a shot may be, in seconds, where nothing else is asked."""
@@ -136,8 +137,14 @@ def evaluate_run(truth: RecordingTruth, run: RunFiles, settings: Settings | None
             known = {shot.time for shot in shots}
             largest, left_out = asked.stop_limit, tuple(time for time in times if time not in known)
         else:
+            folder = truth.recording.folder
             scene = TrueScene(
-                truth.path, truth.pallets, truth.widths, truth.recording.forklift_from_camera, asked.sight
+                truth.path,
+                truth.pallets,
+                truth.widths,
+                truth.recording.forklift_from_camera,
+                asked.sight,
+                name=str(path_file(folder) or "truth"),
             )
             match = match_run(times, estimates, scene, asked.rule, asked.limit)
             shots, largest, left_out = match.shots, match.largest, match.without_truth

@@ -20,6 +20,7 @@ from palletloc.evaluation.requirement import Requirement, RequirementCheck
 from palletloc.evaluation.shot_match import Detection
 from palletloc.evaluation.side_by_side import RESAMPLES, SEED, ComparedRuns
 from palletloc.evaluation.spread import Spread
+from palletloc.evaluation.survey_document import survey_document
 
 FORMAT = 1
 """Number of the form; a change that breaks a reader gets the next one."""
@@ -130,23 +131,7 @@ def _truth(truth: RecordingTruth, run: EvaluatedRun, settings: Settings) -> Docu
         "survey": None,
     }
     if truth.surveyed is not None:
-        document["survey"] = {
-            "stops": [{"name": stop.name, "time_s": stop.time} for stop in truth.surveyed.stops],
-            "stop_limit_s": settings.stop_limit,
-            "sigma_m": truth.surveyed.plan.sigma,
-            "variance_factor": truth.surveyed.variance_factor,
-            "notes": list(truth.surveyed.notes),
-            "against_path": [
-                {
-                    "stop": one.stop,
-                    "pallet": one.pallet,
-                    "position_m": float(np.linalg.norm(one.error[:3])),
-                    "yaw_deg": math.degrees(one.error[3]),
-                    "largest_normalised": float(np.abs(one.normalised).max()),
-                }
-                for one in truth.agreement
-            ],
-        }
+        document["survey"] = survey_document(truth.surveyed, truth, settings.stop_limit)
     return document
 
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import bootstrap
 
 from palletloc.evaluation.estimate_error import COMPONENTS, EstimateError
 from palletloc.geometry import FloatArray
@@ -153,6 +152,8 @@ def _interval(
 
     def ratio(total: FloatArray, number: FloatArray, axis: int = -1) -> FloatArray:
         return np.asarray(total.sum(axis=axis) / number.sum(axis=axis))
+
+    from scipy.stats import bootstrap  # takes longer to import than all of the evaluation
 
     drawn = bootstrap(
         (sums, counts),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from scipy.stats import beta
+from scipy.special import betaincinv
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,13 +91,13 @@ def lower_bound(successes: int, trials: int, confidence: float) -> float:
         0 to 1. With n of n successes it is ``(1 - confidence) ** (1 / n)``.
     """
     _require_counts(successes, trials, confidence)
-    return float(beta.ppf(1 - confidence, successes, trials - successes + 1)) if successes else 0.0
+    return float(betaincinv(successes, trials - successes + 1, 1 - confidence)) if successes else 0.0
 
 
 def upper_bound(successes: int, trials: int, confidence: float) -> float:
     """Return the one-sided upper Clopper-Pearson bound of a probability; see `lower_bound`."""
     _require_counts(successes, trials, confidence)
-    return float(beta.ppf(confidence, successes + 1, trials - successes)) if successes < trials else 1.0
+    return float(betaincinv(successes + 1, trials - successes, confidence)) if successes < trials else 1.0
 
 
 def _require_counts(successes: int, trials: int, confidence: float) -> None:

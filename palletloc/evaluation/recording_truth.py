@@ -11,16 +11,19 @@ import numpy as np
 from palletloc.errors import nearest_name
 from palletloc.evaluation.errors import PAIRING_DISTANCE, EvaluationError
 from palletloc.evaluation.surveyed_truth import SurveyedTruth, read_surveyed_truth
+from palletloc.evaluation.time_pairing import require_overlap
 from palletloc.evaluation.true_pose import continuous_poses
 from palletloc.geometry import FloatArray
 from palletloc.io.recording import Recording, read_recording
-from palletloc.io.truth import TruePallet, read_pallets, read_truth
+from palletloc.io.truth import TruePallet, path_file, read_pallets, read_truth
 from palletloc.trajectory import Trajectory
 
-FORKLIFT_FILES = ("forklift.csv", "forklift.tum")
-"""The forklift's path, either of them."""
 SURVEY = "survey.yaml"
 """What was surveyed."""
+MOST_APART = 5.0
+"""How long before the first or after the last shot all stops may be, in seconds: a forklift may stand first."""
+MOST_TURNED = np.radians(15.0)
+"""Largest angle between a surveyed pallet and the same by path and pallets.csv, in radians."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,7 +84,7 @@ def read_recording_truth(folder: str | Path) -> RecordingTruth:
     recording = read_recording(folder)
     place = folder / "truth"
     surveyed = read_surveyed_truth(folder) if (place / SURVEY).exists() else None
-    if surveyed is not None and not any((place / name).exists() for name in FORKLIFT_FILES):
+    if surveyed is not None and path_file(folder) is None:
         pallets, path = read_pallets(place / "pallets.csv"), None
     else:
         truth = read_truth(folder)
@@ -89,7 +92,7 @@ def read_recording_truth(folder: str | Path) -> RecordingTruth:
     _check_models(place, pallets, recording)
     if surveyed is None:
         return RecordingTruth(recording, pallets, path, None)
-    _check_surveyed(place, pallets, surveyed)
+    _check_surveyed(place, pallets, surveyed, recording)
     agreement = () if path is None else _agreement(place, pallets, path, surveyed)
     return RecordingTruth(recording, pallets, path, surveyed, agreement)
 
@@ -106,12 +109,17 @@ def _check_models(place: Path, pallets: tuple[TruePallet, ...], recording: Recor
             )
 
 
-def _check_surveyed(place: Path, pallets: tuple[TruePallet, ...], surveyed: SurveyedTruth) -> None:
+def _check_surveyed(
+    place: Path, pallets: tuple[TruePallet, ...], surveyed: SurveyedTruth, recording: Recording
+) -> None:
     known = [pallet.id for pallet in pallets]
     for name in surveyed.plan.pallets:
         if name not in known:
             hint = nearest_name(name, known)
             raise EvaluationError(f"{place / SURVEY}: bodies: pallet '{name}' is not in pallets.csv{hint}")
+    stops = np.array([stop.time for stop in surveyed.stops])
+    shots = np.array([shot.time for shot in recording.shots])
+    require_overlap(stops, shots, (f"{place / SURVEY}: stops", "shots"), slack=MOST_APART)
 
 
 def _agreement(
@@ -127,6 +135,12 @@ def _agreement(
         for pose in stop.poses:
             error = -pose.error(true[pose.id])
             apart = float(np.linalg.norm(error[:3]))
+            if abs(error[3]) > MOST_TURNED:
+                raise EvaluationError(
+                    f"{place / SURVEY}: stop '{stop.name}', pallet '{pose.id}': is turned by"
+                    f" {np.degrees(error[3]):.0f} degrees from how the forklift's path and pallets.csv put it;"
+                    " are their angles in radians?"
+                )
             if apart > PAIRING_DISTANCE:
                 raise EvaluationError(
                     f"{place / SURVEY}: stop '{stop.name}', pallet '{pose.id}': is {apart:.2f} m from where the"

@@ -39,6 +39,8 @@ class TrueScene:
     """Which pallets have to be found."""
     covariance: TruthCovariance | None = None
     """What the truth says of its own uncertainty."""
+    name: str = "truth"
+    """What messages call it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,7 +98,7 @@ def match_run(
         If truth and shots have no time in common, an estimate is of no shot, or a model has no width.
     """
     moments = np.array(times, dtype=np.float64)
-    require_overlap(moments, scene.world_from_forklift.times, ("shots", "truth"), slack=limit)
+    require_overlap(moments, scene.world_from_forklift.times, ("shots", scene.name), slack=limit)
     shots = by_shot(times, estimates)
     true, largest = _true_poses(moments, scene.world_from_forklift, rule, limit)
     matched = tuple(_matched(times[index], shots[index], pose, scene) for index, pose in sorted(true.items()))

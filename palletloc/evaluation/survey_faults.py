@@ -34,6 +34,8 @@ UNITS: Mapping[str, float] = {
 """How many of each unit make a metre."""
 METRES_AS_FEET = 0.3048
 """Ratio of distances where metres were taken for feet."""
+WRONG_DIGITS = (10.0, 0.1, 0.01)
+"""Ratios of distances where a unit digit does not say what the data mean."""
 MIN_PRISM_ERROR = 0.003
 """Least error of the distances that is put down to a prism constant, in metres."""
 
@@ -93,6 +95,8 @@ def _foreign_unit(wrong: Sequence[SurveyedBody]) -> str | None:
             return f"{_pair(body)}: distances are {middle:.5g} times the body's: in {unit}, expected metres"
     if abs(middle / METRES_AS_FEET - 1) < UNIT_TOLERANCE:
         return f"{_pair(body)}: distances are {middle:.5g} times the body's: metres that are marked as feet"
+    if any(abs(middle / ratio - 1) < UNIT_TOLERANCE for ratio in WRONG_DIGITS):
+        return f"{_pair(body)}: distances are {middle:.5g} times the body's: is the unit digit of the words wrong?"
     return None
 
 
@@ -183,10 +187,12 @@ def _outlier(body: SurveyedBody, limit: float) -> str | None:
         key=abs,
     )
     point = body.points[index]
-    return (
-        f"{lines_text(point.lines)}: point '{point.name}' does not fit the others of {body.label}:"
-        f" its distances are up to {abs(off) * 1e3:.1f} mm off"
+    told = (
+        f"{lines_text(point.lines)}: point '{point.name}' does not fit the others of {body.label}: its distances are"
     )
+    if abs(off) > FAR_OFF:
+        return f"{told} up to {abs(off):.5g} m off; do its coordinates have other units?"
+    return f"{told} up to {abs(off) * 1e3:.1f} mm off"
 
 
 def _worst_pair(body: SurveyedBody) -> str:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import gammaincc
 
 from palletloc.evaluation.rigid_body import (
     BodyFit,
@@ -199,7 +199,7 @@ def _with_true_variance(placed: Sequence[PlacedBody], plan: SurveyPlan) -> tuple
         sum(values) for values in zip(*((one.fit.chi2, one.fit.freedom) for one in placed), strict=True)
     )
     factor = total / freedom if freedom else 1.0
-    if not freedom or chi2.sf(total, freedom) > IMPROBABLE:
+    if not freedom or gammaincc(freedom / 2, total / 2) > IMPROBABLE:
         return list(placed), factor, []
     note = (
         f"{plan.path}: sigma_m: the residuals of all bodies say {math.sqrt(factor) * plan.sigma * 1e3:.2g} mm, not"

@@ -42,6 +42,12 @@ class Truth:
     """The pallets of the scene."""
 
 
+def path_file(folder: Path) -> Path | None:
+    """Return the file with the forklift's true path; None where a survey at stops may be all there is."""
+    files = (folder / "truth" / name for name in ("forklift.csv", "forklift.tum"))
+    return next((file for file in files if file.exists()), None)
+
+
 def read_truth(folder: str | Path) -> Truth:
     """Read the truth of a recording.
 
@@ -63,8 +69,8 @@ def read_truth(folder: str | Path) -> Truth:
     truth = Path(folder) / "truth"
     if not truth.is_dir():
         raise InputError(f"{truth}: no such folder; expected forklift.csv and pallets.csv in it")
-    table, tum = truth / "forklift.csv", truth / "forklift.tum"
-    path = read_tum(tum) if tum.exists() and not table.exists() else _read_forklift(table)
+    file = path_file(Path(folder)) or truth / "forklift.csv"
+    path = read_tum(file) if file.suffix == ".tum" else _read_forklift(file)
     return Truth(path, read_pallets(truth / "pallets.csv"))
 
 
@@ -91,7 +97,10 @@ def read_pallets(path: Path) -> tuple[TruePallet, ...]:
         if name in lines:
             raise row.fault(f"id: '{name}' stands in line {lines[name]} already; expected different names")
         lines[name] = row.line
-        pallets.append(TruePallet(name, row.text("model"), read_pose(row)))
+        pose = read_pose(row)
+        if abs(pose.yaw) > 2 * np.pi:
+            raise row.fault(f"yaw_rad: expected radians, within a whole turn, got {pose.yaw:g}")
+        pallets.append(TruePallet(name, row.text("model"), pose))
     return tuple(pallets)
 
 

@@ -60,9 +60,8 @@ def aisle_figure(truth: RecordingTruth, run: EvaluatedRun) -> Figure:
         axes.add_patch(Polygon(corners, facecolor="#eef1f4", edgecolor=FAINT, linewidth=0.9))
         axes.plot(*corners[:2].T, color=INK, linewidth=3.0, solid_capstyle="butt")
         middle = corners.mean(axis=0)
-        axes.text(
-            middle[0], middle[1], f"{name}, {pose.z:.2f} m up", ha="center", va="center", size=9, parse_math=False
-        )
+        told = f"{name}, {round(pose.z, 2) + 0.0:.2f} m up"
+        axes.text(middle[0], middle[1], told, ha="center", va="center", size=9, parse_math=False)
     axes.plot(*path.T, color=INK, linewidth=1.2, marker=".", markersize=5, label="forklift, true")
     _draw_estimates(axes, run, carried)
     add_legend(figure, _HEAD + height + 52, axes)

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from palletloc.drawing.stages import Picture
-from palletloc.report.comparison import Comparison, MeasuredError
+from palletloc.evaluation.estimate_error import EstimateError
+from palletloc.evaluation.evaluated_run import EvaluatedRun, EvaluatedSource, Settings
+from palletloc.evaluation.run_files import SHOTS_SOURCE
+from palletloc.io.tracks import TrackRow
 from palletloc.report.page import (
     Column,
+    Link,
     commands,
     heading,
     key_figures,
@@ -20,17 +24,14 @@ from palletloc.report.page import (
     picture,
     table,
 )
+from palletloc.report.source_style import DEPTH, QUANTITIES, STYLES, YAW, Quantity
 
-_DEGREE, _PM = "\N{DEGREE SIGN}", "\N{PLUS-MINUS SIGN}"
+_DEGREE, _PM, _SIGMA = "\N{DEGREE SIGN}", "\N{PLUS-MINUS SIGN}", "\N{GREEK SMALL LETTER SIGMA}"
 _COLUMNS = (
     Column("pallet", is_text=True),
     Column("shot", is_text=True),
     Column("range m"),
-    Column("depth mm"),
-    Column("along mm"),
-    Column("height mm"),
-    Column(f"yaw {_DEGREE}"),
-    Column("yaw from", is_text=True),
+    *(Column(f"{one.label} {one.unit}") for one in QUANTITIES),
 )
 _STEPS = {
     "1-shelf": (
@@ -50,16 +51,23 @@ _STEPS = {
     "6-plan": "The result, in the frame of the forklift, with what is uncertain about it.",
 }
 _FILES = (
-    ("measurements.csv", "one row for each pallet and shot: pose in the forklift frame, covariance, score"),
-    ("refusals.csv", "candidates that were given up, with the step and the reason"),
-    ("errors.csv", "each measurement minus the truth, with its standard deviations"),
+    (Link("report.html", "report.html"), "the evaluation: verdict, figures, every stage of the worst shots"),
+    (Link("metrics.json", "metrics.json"), "the evaluation in numbers"),
+    (Link("errors.csv", "errors.csv"), "each pose minus the truth, with its standard deviations"),
+    (Link("measurements.csv", "measurements.csv"), "one row for each pallet and shot: pose, covariance, score"),
+    (Link("refusals.csv", "refusals.csv"), "candidates that were given up, with the step and the reason"),
+    (Link("tracks.csv", "tracks.csv"), "one row for each track and shot, as it was known then"),
+    (Link("tracks_smoothed.csv", "tracks_smoothed.csv"), "the same as all shots together know it"),
+    (Link("events.csv", "events.csv"), "what became of every measurement and track"),
+    ("tracks/, tracks_smoothed/", "the tracks as paths in TUM form"),
     ("pictures/", "the pictures of this page, and explain.json with every number behind them"),
 )
 _OWN = (
-    "palletloc localize RECORDING --out DIR            # every shot -> measurements.csv",
-    "palletloc explain RECORDING --shot 0 --out DIR    # pictures like these for one shot",
-    "palletloc pallets                                 # the pallet models that are known",
-    "palletloc simulate --out DIR                      # a recording to try with",
+    "palletloc track RECORDING --out RUN --smooth            # measurements, and tracks over the shots",
+    "palletloc evaluate RECORDING --estimate RUN --out DIR   # errors against the truth, if there is one",
+    "palletloc explain RECORDING --shot 0 --out DIR          # pictures like these for one shot",
+    "palletloc pallets                                       # the pallet models that are known",
+    "palletloc simulate --out RECORDING                      # a recording to try with",
 )
 
 
@@ -67,10 +75,14 @@ _OWN = (
 class DemoResult:
     """What the page tells."""
 
-    comparison: Comparison
-    """Measurements against the truth."""
-    shots: int
-    """How many shots there are."""
+    run: EvaluatedRun
+    """Single shots and tracks against the truth."""
+    smoothed: EvaluatedSource
+    """The tracks as all shots together know them, against the truth."""
+    settings: Settings
+    """With which they were evaluated."""
+    tracks: tuple[TrackRow, ...]
+    """Every track as it was last known."""
     size: tuple[int, int]
     """Width and height of a shot, in pixels."""
     seconds_per_shot: float
@@ -81,8 +93,12 @@ class DemoResult:
     """That shot's image."""
     folder: str
     """Where the pictures lie, relative to the page."""
-    chart: str
-    """The chart of errors, relative to the page."""
+
+    @property
+    def sources(self) -> dict[str, EvaluatedSource]:
+        """The sources by the names that the page gives them."""
+        named = {STYLES[name].label: source for name, source in self.run.sources.items()}
+        return {**named, "tracks, smoothed": self.smoothed}
 
 
 def demo_page(result: DemoResult) -> str:
@@ -93,32 +109,35 @@ def demo_page(result: DemoResult) -> str:
     result : DemoResult
         What to tell.
     """
-    return page("palletloc demo", [*_summary(result), *_steps(result), *_truth(result), *_next()])
+    parts = (_summary(result), _steps(result), _tracks(result), _truth(result), _next())
+    return page("palletloc demo", [one for part in parts for one in part])
 
 
 def _summary(result: DemoResult) -> Iterator[str]:
-    comparison, (width, height) = result.comparison, result.size
-    errors, found = comparison.errors, comparison.found
-    yield heading("Where the pallets stand, from single 360-degree shots", level=1)
+    shots, (width, height) = result.run.sources[SHOTS_SOURCE], result.size
+    found = shots.detection.found
+    yield heading("Where the pallets stand, from 360-degree shots", level=1)
     yield paragraph(
-        f"A forklift drives along a rack and takes {result.shots} shots with a 360-degree camera. Each shot alone"
-        " tells where every pallet stands and which way it faces, and how sure that is. The images are renderings,"
-        " so the true poses are known exactly, and this page compares.",
+        f"A forklift drives along a rack and takes {len(shots.shots)} shots with a 360-degree camera. Each shot alone"
+        " tells where every pallet stands and which way it faces, and how sure that is; with the odometry, pallets"
+        " are followed from shot to shot. The images are renderings, so the true poses are known exactly, and this"
+        " page compares.",
         "lead",
     )
     yield key_figures(
         [
-            (
-                f"{found} of {found + len(comparison.missed)}",
-                f"pallets found within {comparison.sight.max_range:g} m, all shots",
-            ),
-            (f"{_median(errors, 3) * 180 / np.pi:.2f}{_DEGREE}", "median error of yaw"),
-            (f"{_median(errors, 0) * 1000:.1f} mm", "median error of depth"),
-            (str(len(comparison.unmatched)), "poses where no pallet stands"),
+            (f"{found.successes} of {found.trials}", "pallets found that had to be, single shots"),
+            (f"{_middle(shots, YAW):.2f}{_DEGREE}", "median error of yaw"),
+            (f"{_middle(shots, DEPTH):.1f} mm", "median error of depth"),
+            (str(shots.detection.false), "poses where no pallet stands"),
             (f"{result.seconds_per_shot:.2f} s", f"per shot of {width} x {height} pixels"),
         ]
     )
     yield _shown(result, "5-overlay", f"{result.explained}: outlines of the measured front faces, and the headings.")
+
+
+def _middle(source: EvaluatedSource, quantity: Quantity) -> float:
+    return float(np.median(np.abs(quantity.values(source.errors)))) if source.errors else float("nan")
 
 
 def _steps(result: DemoResult) -> Iterator[str]:
@@ -141,35 +160,88 @@ def _shown(result: DemoResult, stage: str, caption: str) -> str:
     return ""
 
 
-def _truth(result: DemoResult) -> Iterator[str]:
-    errors = result.comparison.errors
-    yield heading("Against the truth")
-    covered = np.concatenate([error.is_covered for error in errors]) if errors else np.ones(1)
+def _tracks(result: DemoResult) -> Iterator[str]:
+    yield heading("Followed over the approach")
     yield paragraph(
-        "Measured minus true: depth is into the shelf, along is to the pallet's left. Beside each error stands the"
-        " standard deviation that the measurement states;"
-        f" {100 * float(covered.mean()):.0f} in 100 errors lie within two of them. The pallets have the scene's"
-        " names here. One that is level with the camera shows no horizontal plane: its face alone gives its yaw,"
-        " less exactly."
+        "The poses of all shots are fused with the odometry. A track is what is known of one pallet up to a shot, and"
+        " counts as a pallet after a few of them; smoothed, it is what all shots together say of that moment."
     )
-    yield picture(result.chart, "Errors of yaw and depth over the approach.", keep_wide=True)
-    yield table(_COLUMNS, (_row(error) for error in errors))
+    caption = "Errors of single shots, tracks and smoothed tracks over the approach."
+    yield picture("tracks.png", caption, keep_wide=True)
+    yield paragraph("Every track as it was last known, in the frame of the forklift at that time:")
+    yield table(_TRACKS, (_track(row) for row in result.tracks))
 
 
-def _row(error: MeasuredError) -> list[str]:
-    scale = np.array([1000.0, 1000.0, 1000.0, 180 / np.pi])
-    decimals = (1, 1, 1, 2)
-    cells = [
-        f"{round(value, n) + 0.0:+.{n}f} {_PM} {sigma:.{n}f}"
-        for value, sigma, n in zip(error.offset * scale, error.sigma * scale, decimals, strict=True)
+_TRACKS = (
+    Column("track"),
+    Column("model", is_text=True),
+    Column("shots"),
+    *(Column(name) for name in ("x m", "y m", "z m", f"yaw {_DEGREE}", f"{_PM} mm", f"{_PM} {_DEGREE}")),
+)
+
+
+def _track(row: TrackRow) -> list[str]:
+    pose, sigma = row.pose, np.sqrt(np.diag(row.covariance))
+    return [
+        *(str(row.track), row.model, str(row.hits)),
+        *(f"{value:.3f}" for value in (pose.x, pose.y, pose.z)),
+        f"{np.degrees(pose.yaw):.2f}",
+        ", ".join(f"{1000 * value:.1f}" for value in sigma[:3]),
+        f"{np.degrees(sigma[3]):.2f}",
     ]
-    face, measured = error.error.face, error.measured
-    source = str(measured.yaw_from).replace("_", " ")
-    return [face.id, measured.file, f"{face.range:.2f}", *cells, source]
 
 
-def _median(errors: Sequence[MeasuredError], axis: int) -> float:
-    return float(np.median([abs(error.offset[axis]) for error in errors])) if errors else float("nan")
+def _truth(result: DemoResult) -> Iterator[str]:
+    asked = result.settings.requirement
+    yield heading("Against the truth")
+    yield paragraph(
+        "Measured minus true: depth is into the shelf, along is to the pallet's left. Median and 95 % of the absolute"
+        " errors, how many of all errors lie within two of the standard deviations that the poses state, and how many"
+        f" poses are inside what is required by default: {1000 * asked.depth:g} mm and"
+        f" {np.degrees(asked.yaw):g}{_DEGREE}. The evaluation beside this page, report.html, has more."
+    )
+    yield table(_SOURCES, (_source(name, source) for name, source in result.sources.items()))
+    yield paragraph(
+        "Every single shot; the pallets have the scene's names here. One that is level with the camera shows no"
+        " horizontal plane: its face alone gives its yaw, less exactly."
+    )
+    shots = result.run.sources[SHOTS_SOURCE].shots
+    yield table(_COLUMNS, (_row(error) for shot in shots for error in (*shot.errors, *shot.beyond)))
+
+
+_SOURCES = (
+    Column("source", is_text=True),
+    Column("found"),
+    *(Column(f"{one.label} {one.unit}") for one in QUANTITIES),
+    Column(f"within 2 {_SIGMA}"),
+    Column("inside"),
+)
+
+
+def _source(name: str, source: EvaluatedSource) -> list[str]:
+    found, cells = source.detection.found, []
+    for quantity in QUANTITIES:
+        sizes = np.abs(quantity.values(source.errors))
+        ends = np.percentile(sizes, (50, 95)) if len(sizes) else ()
+        cells.append(" / ".join(f"{value:.{_digits(quantity)}f}" for value in ends))
+    within = np.array([np.abs(one.normalised) <= 2 for one in source.errors])
+    counted = f"{100 * within.mean():.0f} %" if within.size else ""
+    inside = source.requirement.together.proportion
+    required = f"{inside.successes} of {inside.trials}"
+    return [name, f"{found.successes} of {found.trials}", *cells, counted, required]
+
+
+def _digits(quantity: Quantity) -> int:
+    return 2 if quantity is YAW else 1
+
+
+def _row(error: EstimateError) -> list[str]:
+    cells = []
+    for quantity in QUANTITIES:
+        digits, (value,), (sigma,) = _digits(quantity), quantity.values([error]), quantity.sigmas([error])
+        cells.append(f"{round(value, digits) + 0.0:+.{digits}f} {_PM} {sigma:.{digits}f}")
+    face = error.error.face
+    return [face.id, error.estimate.file, f"{face.range:.2f}", *cells]
 
 
 def _next() -> Iterator[str]:

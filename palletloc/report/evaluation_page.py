@@ -9,10 +9,10 @@ import numpy as np
 
 from palletloc.drawing.canvas import small_png
 from palletloc.evaluation.consistency import chi_square_check
+from palletloc.evaluation.evaluated_recording import EvaluatedRecording
 from palletloc.evaluation.evaluated_run import EvaluatedRun, EvaluatedSource, Settings
 from palletloc.evaluation.recording_truth import RecordingTruth
 from palletloc.evaluation.requirement import RequirementCheck, Verdict
-from palletloc.evaluation.side_by_side import ComparedRuns
 from palletloc.evaluation.time_pairing import TimeRule
 from palletloc.report.aisle_figure import aisle_figure
 from palletloc.report.approach_figure import approach_figure
@@ -25,8 +25,10 @@ from palletloc.report.evaluation_tables import (
     pallet_rows,
     stop_rows,
 )
-from palletloc.report.page import Column, embedded, heading, key_figures, page, paragraph, picture, table
+from palletloc.report.page import Column, embedded, folded, heading, key_figures, page, paragraph, picture, table
+from palletloc.report.shot_stages import ShotStages
 from palletloc.report.source_style import QUANTITIES, STYLES
+from palletloc.report.survey_section import survey_parts
 from palletloc.report.worst_shots import WorstShot, worst_shots
 
 REPORT = "report.html"
@@ -39,35 +41,29 @@ _VERDICTS = {
 }
 
 
-def evaluation_page(
-    truth: RecordingTruth,
-    runs: Sequence[EvaluatedRun],
-    settings: Settings,
-    compared: Sequence[ComparedRuns] = (),
-    *,
-    with_pictures: bool = True,
-) -> str:
+def evaluation_page(evaluated: EvaluatedRecording, *, with_pictures: bool = True, worst: int | None = None) -> str:
     """Return the page.
 
     Parameters
     ----------
-    truth : RecordingTruth
-        Of the recording.
-    runs : sequence of EvaluatedRun
-        Over it, at least one.
-    settings : Settings
-        With which they were evaluated.
-    compared : sequence of ComparedRuns
-        The runs side by side.
+    evaluated : EvaluatedRecording
+        The recording with its runs.
     with_pictures : bool
-        Whether to show the images of the worst shots.
+        Whether to show the images and stages of the worst shots.
+    worst : int, optional
+        How many shots these are.
     """
+    truth, runs, settings = evaluated.truth, evaluated.runs, evaluated.settings
     name = truth.recording.folder.resolve().name
     parts = [heading(f"{name}: measured against the truth", level=1), *_setting(truth, runs[0], settings)]
-    if compared:
-        parts += comparison_parts(compared)
+    if evaluated.compared:
+        parts += comparison_parts(evaluated.compared)
     for run in runs:
-        parts += _run(truth, run, settings, with_pictures=with_pictures)
+        parts += _run(truth, run, settings)
+        shown = worst_shots(run, truth.recording, settings.requirement, with_pictures=with_pictures, number=worst)
+        parts += _worst(shown)
+    if truth.surveyed is not None:
+        parts += survey_parts(truth.surveyed, truth, settings.stop_limit)
     return page(f"{name}: evaluation", parts)
 
 
@@ -92,17 +88,9 @@ def _setting(truth: RecordingTruth, run: EvaluatedRun, settings: Settings) -> It
     if run.without_truth:
         told += f" {len(run.without_truth)} of the shots have no truth and are left out."
     yield paragraph(told)
-    if truth.agreement:
-        worst = max(float(np.abs(one.normalised).max()) for one in truth.agreement)
-        yield paragraph(
-            f"Survey and path agree within {worst:.1f} standard deviations of the survey over"
-            f" {len(truth.agreement)} poses."
-        )
-    for note in truth.surveyed.notes if truth.surveyed else ():
-        yield paragraph(f"Survey: {note}")
 
 
-def _run(truth: RecordingTruth, run: EvaluatedRun, settings: Settings, *, with_pictures: bool) -> Iterator[str]:
+def _run(truth: RecordingTruth, run: EvaluatedRun, settings: Settings) -> Iterator[str]:
     yield heading(run.files.name)
     for name, source in run.sources.items():
         yield from _verdict(STYLES[name].label, source)
@@ -124,10 +112,10 @@ def _run(truth: RecordingTruth, run: EvaluatedRun, settings: Settings, *, with_p
         yield heading("At the surveyed stops", level=3)
         yield paragraph(
             "Accuracy AP and repeatability RP in the terms of ISO 9283, against the survey; with a single shot at a"
-            " stop there is no repeatability. The last columns are the survey's own standard deviations."
+            " stop there is no repeatability. The last columns are the standard deviations of the truth itself; the"
+            " end of this page says where they come from."
         )
         yield table(STOPS, stop_rows(run))
-    yield from _worst(worst_shots(run, truth.recording, settings.requirement, with_pictures=with_pictures))
 
 
 def _verdict(label: str, source: EvaluatedSource) -> Iterator[str]:
@@ -184,7 +172,7 @@ def _worst(shots: Sequence[WorstShot]) -> Iterator[str]:
         "Single shots with the largest error in parts of what is allowed. In the pictures: pink the true face, green"
         " the measured one."
     )
-    for one in shots:
+    for number, one in enumerate(shots):
         cells = ", ".join(
             f"{quantity.label} {quantity.values([one.error])[0]:+.2f} {quantity.unit}" for quantity in QUANTITIES
         )
@@ -194,3 +182,12 @@ def _worst(shots: Sequence[WorstShot]) -> Iterator[str]:
             yield picture(embedded(one.picture, "jpeg"), text)
         else:
             yield paragraph(text + (f" No picture: {one.problem}." if one.problem else ""))
+        if one.stages:
+            yield folded(one.stages.told, _stages(one.stages), is_open=number == 0)
+
+
+def _stages(stages: ShotStages) -> Iterator[str]:
+    for one in stages.pictures:
+        yield picture(embedded(one.content, "jpeg"), f"{one.caption}.", keep_wide=True)
+    if not stages.pictures:
+        yield paragraph("There is nothing to draw: the recording does not look for pallets of this model.")

@@ -76,21 +76,19 @@ def stop_rows(run: EvaluatedRun) -> Iterator[list[str]]:
             yield [
                 *(STYLES[name].label, stop.stop, stop.pallet, str(one.n), f"{1000 * one.ap:.1f}"),
                 _known(1000 * one.rp, 1),
-                f"{math.degrees(one.ap_yaw):.2f}",
+                _known(math.degrees(one.ap_yaw), 2),
                 _known(math.degrees(one.rp_yaw), 2),
                 *(f"{1000 * sigma[0]:.1f}", f"{1000 * sigma[1]:.1f}", f"{math.degrees(sigma[3]):.2f}"),
             ]
 
 
 def _known(value: float, digits: int) -> str:
-    return f"{value:.{digits}f}" if math.isfinite(value) else "\N{EN DASH}"
+    return f"{round(value, digits) + 0.0:.{digits}f}" if math.isfinite(value) else "\N{EN DASH}"
 
 
 _COMPARED = (
-    Column("run", is_text=True),
-    Column("source", is_text=True),
-    Column("views"),
-    *(Column(f"{one.label} {one.unit}") for one in QUANTITIES),
+    *(Column(name, is_text=True) for name in ("run", "source", "error")),
+    *(Column(name) for name in ("change", "from", "to", "better", "worse")),
 )
 
 
@@ -103,7 +101,7 @@ def comparison_parts(compared: Sequence[ComparedRuns]) -> Iterator[str]:
         f" the absolute error, negative where the other run is better, with its {confidence:g} % bootstrap interval;"
         " whole shots are drawn. An interval that holds zero does not tell the runs apart."
     )
-    yield table(_COMPARED, (_compared_row(one) for one in compared))
+    yield table(_COMPARED, (row for one in compared for row in _compared_rows(one)))
     for one in compared:
         alone = len(one.comparison.only_first), len(one.comparison.only_second)
         if any(alone):
@@ -113,15 +111,19 @@ def comparison_parts(compared: Sequence[ComparedRuns]) -> Iterator[str]:
     yield picture(embedded(small_png(comparison_figure(compared))), caption, keep_wide=True)
 
 
-def _compared_row(one: ComparedRuns) -> list[str]:
-    compared = one.comparison
-    cells = []
+def _compared_rows(one: ComparedRuns) -> Iterator[list[str]]:
+    names = [one.second, f"{STYLES[one.source].label}, {one.comparison.views} views"]
     for quantity in QUANTITIES:
-        difference = compared.differences.get(COMPONENTS[quantity.column])
-        if difference is None:
-            cells.append("\N{EN DASH}")
-            continue
-        digits = 3 if quantity.unit == _DEGREE else 2
-        low, high = (_known(quantity.scale * end, digits) for end in (difference.low, difference.high))
-        cells.append(f"{quantity.scale * difference.mean:+.{digits}f} ({low} to {high})")
-    return [one.second, STYLES[one.source].label, str(compared.views), *cells]
+        difference = one.comparison.differences.get(COMPONENTS[quantity.column])
+        cells = ["\N{EN DASH}"] * 5
+        if difference is not None:
+            digits = 3 if quantity.unit == _DEGREE else 2
+            ends = (difference.mean, difference.low, difference.high)
+            cells = [_signed(quantity.scale * value, digits) for value in ends]
+            cells += [str(difference.smaller), str(difference.larger)]
+        yield [*names, f"{quantity.label}, {quantity.unit}", *cells]
+        names = ["", ""]
+
+
+def _signed(value: float, digits: int) -> str:
+    return f"{round(value, digits) + 0.0:+.{digits}f}" if math.isfinite(value) else "\N{EN DASH}"

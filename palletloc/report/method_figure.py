@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from itertools import groupby
 
@@ -11,13 +12,15 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from palletloc.drawing.canvas import FAINT, GRID, INK, WIDTH_PX, add_axes, add_text, new_figure
-from palletloc.evaluation.errors import PoseError, TrueFace
+from palletloc.evaluation.errors import EvaluationError, PoseError, TrueFace
+from palletloc.evaluation.estimate import from_measurements
+from palletloc.evaluation.run_match import RunMatch, TrueScene, match_run
 from palletloc.evaluation.summary import FAR_BELOW
+from palletloc.evaluation.time_pairing import TimeRule
 from palletloc.geometry import FloatArray
 from palletloc.io.recording import Recording
 from palletloc.io.truth import Truth
 from palletloc.measurement import PalletMeasurement
-from palletloc.report.comparison import Comparison, compare
 
 _LEFT, _RIGHT, _HEAD, _GAP, _BETWEEN, _FOOT = 74, 20, 72, 78, 16, 16  # in pixels
 _HEIGHT, _LINE, _AXIS, _TITLE = 236, 20, 54, 26
@@ -71,7 +74,7 @@ def method_figure(recording: Recording, truth: Truth, runs: Mapping[str, Sequenc
     """
     if not runs:
         raise ValueError("there is no method to draw")
-    compared = {name: compare(recording, truth, measured) for name, measured in runs.items()}
+    compared = {name: _matched(recording, truth, measured) for name, measured in runs.items()}
     parts = [part for part in _PARTS if any(_views(one, part[1]) for one in compared.values())] or [_PARTS[0]]
     table = _LINE * (len(runs) + 1) + _FOOT
     figure = new_figure(_HEAD + len(_AXES) * _HEIGHT + _BETWEEN + _AXIS + table)
@@ -98,24 +101,33 @@ def method_figure(recording: Recording, truth: Truth, runs: Mapping[str, Sequenc
     return figure
 
 
-def _views(one: Comparison, belongs: Callable[[TrueFace], bool]) -> int:
+def _matched(recording: Recording, truth: Truth, measured: Sequence[PalletMeasurement]) -> RunMatch:
+    """Match a method's measurements with the truth, which has to cover every shot."""
+    widths = {model.name: model.width for model in recording.models}
+    scene = TrueScene(truth.forklift, truth.pallets, widths, recording.forklift_from_camera)
+    times = [shot.time for shot in recording.shots]
+    match = match_run(times, from_measurements(measured), scene, TimeRule.INTERPOLATED, math.inf)
+    if match.without_truth:
+        raise EvaluationError(
+            f"{recording.folder}: no truth for the shot at {match.without_truth[0]:.6g} s; expected it for every shot"
+        )
+    return match
+
+
+def _views(one: RunMatch, belongs: Callable[[TrueFace], bool]) -> int:
     """Return how many times a pallet should be found."""
-    return len(_found(one, belongs)) + sum(belongs(face) for face in one.missed)
+    return len(_found(one, belongs)) + sum(belongs(face) for shot in one.shots for face in shot.missed)
 
 
-def _found(one: Comparison, belongs: Callable[[TrueFace], bool]) -> list[PoseError]:
-    return [error.error for error in one.errors if error.error.face.visible and belongs(error.error.face)]
+def _found(one: RunMatch, belongs: Callable[[TrueFace], bool]) -> list[PoseError]:
+    return [error.error for error in one.errors if belongs(error.error.face)]
 
 
 def _chosen(
-    one: Comparison, belongs: Callable[[TrueFace], bool], times: Sequence[float]
+    one: RunMatch, belongs: Callable[[TrueFace], bool], times: Sequence[float]
 ) -> list[tuple[int, PoseError]]:
     """Return the errors of pallets that have to be found, with the numbers of their shots."""
-    return [
-        (times.index(error.measured.time), error.error)
-        for error in one.errors
-        if error.error.face.visible and belongs(error.error.face)
-    ]
+    return [(times.index(error.time), error.error) for error in one.errors if belongs(error.error.face)]
 
 
 def _prepare(axes: Axes, label: str, shots: int) -> None:
@@ -159,7 +171,7 @@ def _write_table(
     left: float,
     top: float,
     width: float,
-    compared: Mapping[str, Comparison],
+    compared: Mapping[str, RunMatch],
     belongs: Callable[[TrueFace], bool],
 ) -> None:
     """Write what each method found and how large its errors are; the rows are the keys of the lines."""

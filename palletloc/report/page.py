@@ -42,6 +42,8 @@ p { max-width: 46em; margin: 0 0 14px; }
 .figures span { color: var(--faint); font-size: 0.92rem; }
 figure { margin: 22px 0; }
 figure img { display: block; width: 100%; height: auto; border: 1px solid var(--line); border-radius: 8px; }
+details { margin: 0 0 26px; border-left: 3px solid var(--line); padding-left: 16px; }
+summary { cursor: pointer; color: var(--faint); }
 figcaption { color: var(--faint); font-size: 0.95rem; margin-top: 8px; max-width: 52em; }
 .wide { overflow-x: auto; }
 .wide img { min-width: 680px; }
@@ -60,6 +62,20 @@ dd { margin: 0; color: var(--faint); }
   dl { grid-template-columns: 1fr; }
   dd { margin-bottom: 10px; }
 }"""
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """A cell of a table that leads to another page."""
+
+    text: str
+    """What stands there."""
+    target: str
+    """The page, relative to this one."""
+
+
+Cell = str | Link
+"""What stands in a cell: plain text or a link."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,6 +137,12 @@ def picture(source: str, caption: str, *, keep_wide: bool = False) -> str:
     return f"<figure>{image}<figcaption>{text}</figcaption></figure>"
 
 
+def folded(summary: str, parts: Iterable[str], *, is_open: bool = False) -> str:
+    """Return parts of a page that a click on a line of plain text shows and hides."""
+    attribute = " open" if is_open else ""
+    return f"<details{attribute}><summary>{escape(summary)}</summary>\n{''.join(parts)}\n</details>"
+
+
 def embedded(content: bytes, kind: str = "png") -> str:
     """Return a source for `picture` that holds the picture itself.
 
@@ -134,20 +156,26 @@ def embedded(content: bytes, kind: str = "png") -> str:
     return f"data:image/{kind};base64,{base64.b64encode(content).decode('ascii')}"
 
 
-def table(columns: Sequence[Column], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table of plain texts, which a narrow screen scrolls."""
+def table(columns: Sequence[Column], rows: Iterable[Sequence[Cell]]) -> str:
+    """Return a table, which a narrow screen scrolls."""
     kinds = [' class="text"' if column.is_text else "" for column in columns]
     head = "".join(f"<th{kind}>{escape(column.heading)}</th>" for kind, column in zip(kinds, columns, strict=True))
     body = "\n".join(
-        "<tr>" + "".join(f"<td{kind}>{escape(cell)}</td>" for kind, cell in zip(kinds, row, strict=True)) + "</tr>"
+        "<tr>" + "".join(f"<td{kind}>{_cell(cell)}</td>" for kind, cell in zip(kinds, row, strict=True)) + "</tr>"
         for row in rows
     )
     return f'<div class="wide"><table><thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody></table></div>'
 
 
-def listing(entries: Iterable[tuple[str, str]]) -> str:
-    """Return names with what they mean."""
-    items = (f"<dt><code>{escape(name)}</code></dt><dd>{escape(meaning)}</dd>" for name, meaning in entries)
+def _cell(cell: Cell) -> str:
+    if isinstance(cell, Link):
+        return f'<a href="{escape(cell.target)}">{escape(cell.text)}</a>'
+    return escape(cell)
+
+
+def listing(entries: Iterable[tuple[Cell, str]]) -> str:
+    """Return names, or links, with what they mean."""
+    items = (f"<dt><code>{_cell(name)}</code></dt><dd>{escape(meaning)}</dd>" for name, meaning in entries)
     return f"<dl>{''.join(items)}</dl>"
 
 

@@ -1,9 +1,9 @@
-"""The worst shots of a run, with the true and the measured faces drawn into their images."""
+"""The worst shots of a run: true and measured faces drawn into their images, and the localizer's stages."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -16,10 +16,12 @@ from palletloc.evaluation.evaluated_run import EvaluatedRun
 from palletloc.evaluation.requirement import Requirement
 from palletloc.evaluation.run_files import SHOTS_SOURCE
 from palletloc.geometry import Image
-from palletloc.io.recording import Recording
+from palletloc.io.recording import Recording, Shot
+from palletloc.offline import Job
+from palletloc.report.shot_stages import ShotStages, shot_stages, stage_job
 
 WORST = 4
-"""How many are shown."""
+"""How many are shown, where nothing else is asked."""
 _WIDEST, _QUALITY = 1040, 85
 
 
@@ -35,12 +37,19 @@ class WorstShot:
     """Largest error, in parts of what is allowed."""
     picture: bytes
     """JPEG of the part of the shot around the pallet; empty where the image cannot be read."""
+    stages: ShotStages | None = None
+    """How the localizer came to the pose; None where there is no picture."""
     problem: str = ""
     """Why there is no picture."""
 
 
 def worst_shots(
-    run: EvaluatedRun, recording: Recording, requirement: Requirement, *, with_pictures: bool = True
+    run: EvaluatedRun,
+    recording: Recording,
+    requirement: Requirement,
+    *,
+    with_pictures: bool = True,
+    number: int | None = None,
 ) -> list[WorstShot]:
     """Return the single-shot measurements whose errors are the largest parts of what is allowed.
 
@@ -53,21 +62,24 @@ def worst_shots(
     requirement : Requirement
         What is allowed.
     with_pictures : bool
-        Whether to read the images.
+        Whether to read the images, and to localize the shots once more to draw every stage.
+    number : int, optional
+        How many; `WORST` if left out.
 
     Returns
     -------
     list of WorstShot
-        The worst first, at most `WORST`.
+        The worst first.
     """
     source = run.sources.get(SHOTS_SOURCE)
-    errors = sorted(source.errors if source else (), key=lambda one: -_share(one, requirement))[:WORST]
-    files = {shot.time: shot.file for shot in recording.shots}
+    errors = sorted(source.errors if source else (), key=lambda one: -_share(one, requirement))
+    shots = {shot.time: shot for shot in recording.shots}
+    job = stage_job(recording, run.files.folder)
     found = []
-    for one in errors:
-        file = files[one.time]
-        picture, problem = _picture(one, file, recording) if with_pictures else (b"", "")
-        found.append(WorstShot(one, file, _share(one, requirement), picture, problem))
+    for one in errors[: WORST if number is None else number]:
+        shot = shots[one.time]
+        plain = WorstShot(one, shot.file, _share(one, requirement), b"")
+        found.append(_drawn(plain, shot, job) if with_pictures else plain)
     return found
 
 
@@ -75,19 +87,23 @@ def _share(one: EstimateError, requirement: Requirement) -> float:
     return float((np.abs(one.offset) / requirement.limits).max())
 
 
-def _picture(one: EstimateError, file: str, recording: Recording) -> tuple[bytes, str]:
-    """Return the picture, or why there is none."""
-    shot = next(shot for shot in recording.shots if shot.file == file and shot.time == one.time)
+def _drawn(worst: WorstShot, shot: Shot, job: Job) -> WorstShot:
+    """Return a shot with its pictures, or with why there is none."""
     try:
-        image = recording.image(shot)
+        picture = _picture(worst.error, job.recording.image(shot), job.recording)
+        stages = shot_stages(job, shot, worst.error.estimate)
     except PalletLocError as error:
-        return b"", str(error)
+        return replace(worst, problem=str(error))
+    return replace(worst, picture=picture, stages=stages)
+
+
+def _picture(one: EstimateError, image: Image, recording: Recording) -> bytes:
     models = {model.name: model for model in recording.models}
     face, estimate = one.error.face, one.estimate
     marks = [Mark(models[face.model], face.forklift_from_pallet, REFUSED, heading=False)]
     if estimate.model in models:
         marks.append(Mark(models[estimate.model], estimate.forklift_from_pallet, MEASURED, heading=False))
-    return _cut(image, recording, marks), ""
+    return _cut(image, recording, marks)
 
 
 def _cut(image: Image, recording: Recording, marks: Sequence[Mark]) -> bytes:

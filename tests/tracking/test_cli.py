@@ -201,13 +201,24 @@ def test_truth_goes_into_the_picture_only() -> None:
 
 
 @pytest.mark.usefixtures("here")
+def test_a_survey_without_the_forklifts_path_does_not_matter() -> None:
+    assert track("--measurements", "m.csv") == 0
+    before = contents()
+    Path("approach/truth").mkdir()
+    Path("approach/truth/pallets.csv").write_text("id,model,x_m,y_m,z_m,yaw_rad\nA,t11-plastic,3,2,0,1.5\n")
+    Path("approach/truth/survey.yaml").write_text("not read here")
+    assert track("--measurements", "m.csv") == 0
+    assert contents() == before
+
+
+@pytest.mark.usefixtures("here")
 @pytest.mark.parametrize(
     ("file", "text", "options", "said"),
     [
         ("m.csv", None, ["--measurements", "m.csv"], "m.csv: no such file"),
         ("m.csv", "time_s\n", ["--measurements", "m.csv"], "m.csv, line 1: column 'file' is missing"),
         ("approach/odometry.csv", None, [], "odometry.csv: no such file"),
-        ("approach/truth/pallets.csv", "id\n", [], "approach/truth/forklift.csv: no such file"),
+        ("approach/truth/forklift.csv", "time_s\n", [], "approach/truth/forklift.csv, line 1: column"),
         ("mine.yaml", "tracker: {gaet: {}}", ["--config", "mine.yaml"], "mine.yaml: tracker: unknown key 'gaet'"),
         ("mine.yaml", "detektion: {}", ["--config", "mine.yaml"], "mine.yaml: unknown key 'detektion'"),
         ("out", "a file", ["--measurements", "m.csv"], "out"),

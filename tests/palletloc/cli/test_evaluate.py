@@ -57,7 +57,7 @@ def with_tracks(folder: Path) -> Path:
 
 
 def evaluate(recording: Path, out: Path, *options: str | Path) -> int:
-    return run(["evaluate", str(recording), "--out", str(out), *(str(option) for option in options)])
+    return run(["evaluate", str(recording), "--no-pictures", "--out", str(out), *map(str, options)])
 
 
 def read_metrics(out: Path) -> Any:

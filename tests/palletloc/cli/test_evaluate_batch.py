@@ -1,11 +1,14 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import sys
+from html import unescape
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 import pytest
@@ -114,7 +117,7 @@ def test_two_workers_evaluate_all_and_one_failure_does_not_stop_the_rest(
 ) -> None:
     pytest.importorskip("distributed")
     (recordings / "b" / "truth" / "pallets.csv").unlink()
-    assert batch(recordings, tmp_path / "out", "--workers", "2") == 0
+    assert batch(recordings, tmp_path / "out", "--workers", "2") == 1
     document = read(tmp_path / "out" / "batch.json")
     assert [one["name"] for one in document["recordings"]] == list(DEPTHS)
     assert [one["problem"] is None for one in document["recordings"]] == [True, False, True]
@@ -128,10 +131,66 @@ def test_two_workers_evaluate_all_and_one_failure_does_not_stop_the_rest(
         "run",
         each[0]["found"],
     )
-    assert not (tmp_path / "out" / "b" / "metrics.json").exists()
     told = capsys.readouterr()
-    assert [line.split(": ")[2] for line in told.err.splitlines()] == ["b"]
+    skipped, last = told.err.splitlines()
+    assert skipped.startswith("palletloc: skipped: b: ")
+    assert "pallets.csv" in skipped
+    assert last == f"palletloc: {recordings}: 1 of 3 recordings could not be evaluated: b; the others are"
     assert "all" in told.out
+
+
+def test_every_recording_has_its_report_and_the_index_links_them(recordings: Path, tmp_path: Path) -> None:
+    pytest.importorskip("distributed")
+    out = tmp_path / "out"
+    for before in ("metrics.json", "errors.csv", "report.html"):
+        (out / "b").mkdir(parents=True, exist_ok=True)
+        (out / "b" / before).write_text("from before")
+    (recordings / "b" / "truth" / "pallets.csv").write_text("")
+    (recordings / "c").rename(recordings / "c & d")
+    assert batch(recordings, out, "--workers", "1", "--no-pictures") == 1
+    for name in ("a", "c & d"):
+        assert sorted(path.name for path in (out / name).iterdir()) == ["errors.csv", "metrics.json", "report.html"]
+    assert list((out / "b").iterdir()) == []
+    page = (out / "index.html").read_text(encoding="utf-8")
+    links = [unquote(unescape(link)) for link in re.findall('href="([^"]*)"', page)]
+    assert links == ["a/report.html", "c & d/report.html"]
+    assert all((out / link).is_file() for link in links)
+    assert "not evaluated" in page
+    assert re.search(r"<p>b: [^<]*pallets\.csv[^<]*</p>", page)
+    assert page.count("data:image/png;base64,") == 1
+
+
+def test_the_workers_of_a_scheduler_are_used(
+    recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    distributed = pytest.importorskip("distributed")
+    places = {"host": "127.0.0.1", "protocol": "tcp://", "dashboard_address": "127.0.0.1:0"}
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, **places) as cluster:
+        address = cluster.scheduler_address
+        assert address.startswith("tcp://127.0.0.1:")
+        monkeypatch.setattr(distributed, "LocalCluster", None)  # no workers of our own
+        assert batch(recordings, tmp_path / "out", "--scheduler", address, "--no-pictures") == 0
+        assert cluster.scheduler.status.name == "running"
+    document = read(tmp_path / "out" / "batch.json")
+    assert [one["problem"] for one in document["recordings"]] == [None] * 3
+    assert all((tmp_path / "out" / name / "report.html").is_file() for name in DEPTHS)
+
+
+def test_a_link_to_a_recording_keeps_its_own_name(recordings: Path, tmp_path: Path) -> None:
+    (recordings / "z").symlink_to(recordings / "a")
+    jobs = find_jobs(recordings, ["run"], tmp_path / "out", Settings())
+    assert [job.out.name for job in jobs] == [*DEPTHS, "z"]
+
+
+def test_if_nothing_can_be_evaluated_nothing_is_written(
+    recordings: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("distributed")
+    for name in DEPTHS:
+        (recordings / name / "truth" / "pallets.csv").unlink()
+    assert batch(recordings, tmp_path / "out", "--workers", "1") == 1
+    assert "none of 3 recordings can be evaluated" in capsys.readouterr().err.splitlines()[-1]
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_scheduler_that_is_not_there_is_one_line(

@@ -4,6 +4,7 @@ import base64
 import json
 import re
 import shutil
+from html import escape
 from html.parser import HTMLParser
 from importlib.resources import files
 from pathlib import Path
@@ -96,6 +97,14 @@ def survey(recording: Path, site_from_world: LevelPose = SITE, shift: float = 0.
     (recording / "truth" / "survey.yaml").write_text(yaml.safe_dump(plan))
 
 
+def move_stops(recording: Path, by: float) -> None:
+    plan = recording / "truth" / "survey.yaml"
+    spec = yaml.safe_load(plan.read_text())
+    for stop in spec["stops"]:
+        stop["time_s"] += by
+    plan.write_text(yaml.safe_dump(spec))
+
+
 def evaluate(recording: Path, estimate: Path, out: Path, *options: str) -> int:
     return run(["evaluate", str(recording), "--estimate", str(estimate), "--out", str(out), *options])
 
@@ -112,8 +121,8 @@ def test_the_report_needs_nothing_but_itself_and_all_of_its_pictures_open(tmp_pa
     assert "script" not in elements.tags
     kinds = [link.split(";")[0] for link in elements.links]
     assert kinds.count("data:image/png") == 4
-    assert kinds.count("data:image/jpeg") == 4
-    assert len(kinds) == 8
+    assert kinds.count("data:image/jpeg") == 4 + 4 * 2  # each worst shot, and its stages
+    assert len(kinds) == 16
     for link in elements.links:
         content = np.frombuffer(base64.b64decode(link.partition("base64,")[2]), dtype=np.uint8)
         image = cv2.imdecode(content, cv2.IMREAD_COLOR)
@@ -139,6 +148,7 @@ def test_images_that_cannot_be_read_are_said_and_do_not_stop_the_report(
     assert evaluate(recording, estimate, tmp_path / "out") == 0
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert page.count("No picture: ") == 4
+    assert "<details" not in page
 
 
 def test_no_half_written_result_when_drawing_fails(
@@ -191,13 +201,59 @@ def test_a_survey_of_another_site_or_other_stops_is_refused(
     assert "survey.yaml: stop 'S1'" in line
     assert "another site" in line
     (recording / "truth" / "forklift.csv").unlink()
-    plan = recording / "truth" / "survey.yaml"
-    text = plan.read_text()
-    plan.write_text(re.sub(r"time_s: [\d.]+", lambda found: f"time_s: 9{len(text[: found.start()])}", text))
+    move_stops(recording, 0.5)
     assert evaluate(recording, estimate, tmp_path / "out") == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert "no shot within 0.01 s of a stop" in line
+    move_stops(recording, 900.0)
+    assert evaluate(recording, estimate, tmp_path / "out") == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert re.search(r"survey\.yaml: stops from 900[.\d]* s to 901[.\d]* s, shots from 0 s to 6\.4 s: expected", line)
     assert not (tmp_path / "out").exists()
+
+
+def test_a_stop_without_a_shot_is_told(
+    tmp_path: Path, recording: Path, estimate: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    survey(recording)
+    move_stops(recording, 0.5)
+    assert evaluate(recording, estimate, tmp_path / "out", "--no-pictures") == 0
+    told = "stop 'S1': the nearest shot is 0.5 s away, not 0.01 s; see --stop-limit"
+    assert told in capsys.readouterr().out
+    assert told in metrics(tmp_path / "out")["truth"]["survey"]["notes"]
+    assert escape(told) in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+
+
+def test_the_report_says_how_good_the_survey_is(tmp_path: Path, recording: Path, estimate: Path) -> None:
+    survey(recording)
+    assert evaluate(recording, estimate, tmp_path / "out", "--no-pictures") == 0
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "1 mm in each of two targets 1.1 m apart turns a front by 0.07\N{DEGREE SIGN}" in page
+    told = metrics(tmp_path / "out")["truth"]["survey"]
+    assert told["instrument"] is None  # points alone
+    bodies = {one["body"]: one for one in told["bodies"]}
+    assert set(bodies) == {"stop 'S1'", "stop 'S2'", "body 'A'", "body 'B'", "body 'C'"}
+    for one in bodies.values():
+        assert one["rms_m"] < 2e-5
+        assert all(point["residual_m"] < 5e-5 for point in one["points"])
+        left_out = [point["leave_one_out_m"] for point in one["points"]]  # None where two others fix no pose
+        assert len(left_out) == 3
+        assert max(value for value in left_out if value is not None) < 1e-4
+    across = np.degrees(np.sqrt(2) * 0.0006 / 1.1)
+    assert across * 0.5 < bodies["body 'A'"]["yaw_sigma_deg"] <= 1.001 * across
+
+
+def test_a_pallet_turned_otherwise_than_surveyed_is_refused(
+    tmp_path: Path, recording: Path, estimate: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    survey(recording)
+    path = recording / "truth" / "pallets.csv"
+    lines = path.read_text().splitlines()
+    for yaw, told in (("0.9", "are their angles in radians"), ("88.2", "line 2: yaw_rad: expected radians")):
+        path.write_text("\n".join([lines[0], lines[1].rpartition(",")[0] + "," + yaw, *lines[2:]]) + "\n")
+        assert evaluate(recording, estimate, tmp_path / "out") == 1
+        (line,) = capsys.readouterr().err.splitlines()
+        assert told in line
 
 
 def test_a_surveyed_pallet_that_is_not_in_the_table_is_refused(

@@ -112,3 +112,6 @@ def test_no_method_and_a_foreign_truth_are_refused(recording: Recording) -> None
     foreign = Truth(FORKLIFT, (TruePallet("A", "unknown", LOW.world_from_pallet),))
     with pytest.raises(PalletLocError, match="unknown"):
         method_figure(recording, foreign, {"a": []})
+    short = Trajectory(np.array(TIMES[:2]), np.array([1.0, 1.3]), np.full(2, 0.2), np.full(2, 0.3))
+    with pytest.raises(PalletLocError, match="no truth for the shot at 2 s"):
+        method_figure(recording, Truth(short, (LOW,)), {"a": []})

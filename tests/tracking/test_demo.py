@@ -11,8 +11,9 @@ import cv2
 import numpy as np
 import pytest
 
+from palletloc.__main__ import COMMANDS
 from palletloc.cli.app import run
-from palletloc.cli.demo import ERROR_COLUMNS
+from palletloc.evaluation.error_table import ERROR_COLUMNS
 from palletloc.io.measurements import NoPose, read_measurements
 from palletloc.io.recording import check_shelf, read_recording
 from palletloc.io.truth import read_truth
@@ -50,7 +51,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("demo") / "out"
     out.mkdir()
     (out / "index.html").write_text("from before")
-    assert run(["demo", "--out", str(out)]) == 0
+    assert run(["demo", "--out", str(out)], COMMANDS) == 0
     return out
 
 
@@ -59,17 +60,39 @@ def page(folder: Path) -> str:
     return (folder / "index.html").read_text(encoding="utf-8")
 
 
-def errors_of(folder: Path) -> list[dict[str, str]]:
+def errors_of(folder: Path, source: str = "measurements") -> list[dict[str, str]]:
     with (folder / "errors.csv").open(newline="") as file:
-        return list(csv.DictReader(file))
+        return [row for row in csv.DictReader(file) if row["source"] == source]
 
 
-def test_the_files_of_a_run_are_there(folder: Path) -> None:
+def test_the_files_of_every_step_are_there(folder: Path) -> None:
     names = {path.name for path in folder.iterdir()}
-    assert {"measurements.csv", "refusals.csv", "errors.csv", "index.html", "pictures"} <= names
-    assert {"1-shelf.png", "5-overlay.jpg", "errors.png", "explain.json"} <= {
-        path.name for path in (folder / "pictures").iterdir()
-    }
+    localized = {"measurements.csv", "refusals.csv", "run.json"}
+    tracked = {"tracks.csv", "tracks", "events.csv", "tracks.png", "tracks_smoothed.csv", "tracks_smoothed"}
+    evaluated = {"metrics.json", "errors.csv", "report.html"}
+    assert names == {*localized, *tracked, *evaluated, "index.html", "pictures"}
+    assert {"1-shelf.png", "5-overlay.jpg", "explain.json"} <= {path.name for path in (folder / "pictures").iterdir()}
+    assert len(list((folder / "tracks").iterdir())) == 3
+
+
+def test_the_steps_belong_together(folder: Path, tmp_path: Path) -> None:
+    again = tmp_path / "again"
+    given = str(folder / "measurements.csv")
+    assert run(["track", str(SAMPLE), "--measurements", given, "--smooth", "--out", str(again)], COMMANDS) == 0
+    for name in ("tracks.csv", "tracks_smoothed.csv", "events.csv"):
+        assert (folder / name).read_text() == (again / name).read_text()
+    assert run(["evaluate", str(SAMPLE), "--no-pictures", "--estimate", str(folder), "--out", str(again)]) == 0
+    ours, theirs = (json.loads((one / "metrics.json").read_text())["runs"][0] for one in (folder, again))
+    assert ours["sources"] == theirs["sources"]
+
+
+def test_tracks_are_right_to_what_is_promised(folder: Path, page: str) -> None:
+    rows = errors_of(folder, "tracks")
+    assert {row["pallet"] for row in rows} >= {"A", "C"}
+    assert max(abs(float(row["yaw_rad"])) for row in rows) < np.radians(1.0)
+    assert max(abs(float(row["depth_m"])) for row in rows) < 0.03
+    for name in ("single shots", "tracks", "tracks, smoothed"):
+        assert page.count(f'<td class="text">{name}</td>') == 1
 
 
 def test_the_poses_are_right_to_what_is_promised(folder: Path) -> None:
@@ -125,7 +148,8 @@ def test_the_page_needs_nothing_from_outside(folder: Path, page: str) -> None:
 
 def test_the_page_shows_every_measurement(folder: Path, page: str) -> None:
     assert page.startswith("<!doctype html>")
-    assert page.count("<tr>") == 1 + len(errors_of(folder))
+    tables = [len(re.findall("<tr>", table)) - 1 for table in re.findall("<table>.*?</table>", page, re.DOTALL)]
+    assert tables == [3, 3, len(errors_of(folder))]  # tracks, sources, single shots
     assert '<meta name="viewport"' in page
     assert "from before" not in page
 
@@ -157,7 +181,7 @@ def test_the_sample_is_sharp_where_the_pallets_are() -> None:
 
 def test_a_place_that_cannot_be_written_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "file").write_text("")
-    assert run(["demo", "--out", str(tmp_path / "file" / "out")]) == 1
+    assert run(["demo", "--out", str(tmp_path / "file" / "out")], COMMANDS) == 1
     error = capsys.readouterr().err
     assert error.startswith("palletloc: ")
     assert error.count("\n") == 1

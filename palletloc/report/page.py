@@ -47,6 +47,7 @@ summary { cursor: pointer; color: var(--faint); }
 figcaption { color: var(--faint); font-size: 0.95rem; margin-top: 8px; max-width: 52em; }
 .wide { overflow-x: auto; }
 .wide img { min-width: 680px; }
+.wide + p { margin-top: 18px; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: 0.95rem; width: 100%; }
 th, td { padding: 6px 12px 6px 0; text-align: right; white-space: nowrap; border-bottom: 1px solid var(--line); }
 th { color: var(--faint); font-weight: 600; vertical-align: bottom; }

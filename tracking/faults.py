@@ -13,6 +13,8 @@ LEAST_VARIANCE = 1e-12
 """Smallest variance that an input may state, in square metres and radians."""
 LEAST_CORRELATION = 1e-9
 """Smallest eigenvalue of the correlations that it may state."""
+LEAST_RATIO = 1e-12
+"""Smallest eigenvalue of a covariance as a part of its largest: turning a smaller one ends in rounding."""
 LARGEST = 1e6
 """Largest coordinate or rate that makes sense, in metres, radians and seconds."""
 LARGEST_TIME = 1e12
@@ -92,18 +94,22 @@ def covariance_faults(given: FloatArray) -> list[str]:
     variances = np.diagonal(covariances, axis1=1, axis2=2)
     positive: BoolArray = np.all(variances >= LEAST_VARIANCE, axis=1)
     scale = np.sqrt(np.where(positive[:, None], variances, 1.0))
-    least = np.linalg.eigvalsh((covariances + mirrored) / 2 / (scale[:, :, None] * scale[:, None]))[:, 0]
-    positive &= least >= LEAST_CORRELATION
-    checks = zip(finite.tolist(), symmetric.tolist(), positive.tolist(), strict=True)
+    even = (covariances + mirrored) / 2
+    correlations, eigenvalues = np.linalg.eigvalsh([even / (scale[:, :, None] * scale[:, None]), even])
+    positive &= correlations[:, 0] >= LEAST_CORRELATION
+    alike: BoolArray = eigenvalues[:, 0] >= LEAST_RATIO * eigenvalues[:, -1]
+    checks = zip(finite.tolist(), symmetric.tolist(), positive.tolist(), alike.tolist(), strict=True)
     return [_expected(*passed) for passed in checks]
 
 
-def _expected(finite: bool, symmetric: bool, positive: bool) -> str:
+def _expected(finite: bool, symmetric: bool, positive: bool, alike: bool) -> str:
     if not finite:
         return f"expected finite numbers, and standard deviations up to {LARGEST_SIGMA:g}"
     if not symmetric:
         return "expected a symmetric matrix"
-    return "" if positive else f"expected a positive definite matrix, and variances from {LEAST_VARIANCE:g} on"
+    if not positive:
+        return f"expected a positive definite matrix, and variances from {LEAST_VARIANCE:g} on"
+    return "" if alike else f"expected eigenvalues from {LEAST_RATIO:g} of the largest on"
 
 
 def checked_covariance(given: object, size: int, time: float) -> FloatArray:

@@ -167,8 +167,8 @@ class PalletFilter(ExtendedKalmanFilter):
         S = H.dot(P).dot(H.T) + R
         away = _residual(observation, observation.values, H.dot(mean))
         root, solved, failed = dposv(S, away)
-        if failed:
-            raise np.linalg.LinAlgError("the innovation's covariance is not positive definite")
+        if failed:  # rounding has made it so: it belongs to nothing
+            return Innovation(math.inf, math.inf)
         return Innovation(float(away.dot(solved)), 2 * math.log(math.prod(root.diagonal().tolist())))
 
     def innovations(

@@ -81,7 +81,9 @@ def distances(P: FloatArray, H: FloatArray, R: FloatArray, away: FloatArray) -> 
     """
     S = H @ P @ H.transpose(0, 2, 1) + R
     squared = (away[:, None] @ np.linalg.inv(S) @ away[:, :, None])[:, 0, 0]
-    return squared, np.linalg.slogdet(S).logabsdet
+    signs, volumes = np.linalg.slogdet(S)
+    sound = (signs > 0) & (squared >= 0)  # where rounding has left something else, it belongs to nothing
+    return np.where(sound, squared, np.inf), np.where(sound, volumes, np.inf)
 
 
 def corrected(

@@ -70,6 +70,7 @@ COVARIANCES = [
     (np.diag([1.0, 1.0, -1.0, 1.0]), "positive definite"),
     (np.ones((4, 4)), "positive definite"),
     (np.eye(4) + np.diag([0.1] * 3, 1), "symmetric"),
+    (np.diag([1e5, 1e-8, 1e-4, 1e-4]), "eigenvalues"),
     (np.eye(3), "4 x 4"),
     (None, "expected"),
 ]

@@ -15,7 +15,10 @@ from tracking import OdometryNoise, PalletTracker, TrackerConfig
 from tracking.config import MeasurementErrors
 
 RUNS, FIRST = 50, 10
-# Steps whose errors hang together little: a pose that is measured as well as it is carried on.
+# A step's mean over all runs lies in its band with 95 % chance, but the errors of one step are still there in the
+# next ones: with the usual noise for so long that a run of 20 s is hardly more than one draw, and the part of its
+# steps in the band anything from none to all. A pose that is carried on no better than it is measured forgets within
+# a few steps, so that nine steps in ten are a law.
 LIVELY = OdometryNoise(
     distance_mm_per_sqrt_m=40.0,
     slip_mm_per_sqrt_m=40.0,

@@ -124,7 +124,7 @@ def intrinsics(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="With intrinsics.yaml, and shots or corners.")],
     out: Annotated[Path, typer.Option(metavar="YAML", help="File for the camera; reports go beside it.")],
     model: Annotated[
-        str, typer.Option(help="kannala_brandt, mei, double_sphere, eucm or pinhole.")
+        str, typer.Option(help="kannala_brandt, mei, double_sphere, eucm, pinhole or stitched_equirectangular.")
     ] = "kannala_brandt",
 ) -> None:
     """Find the parameters of a lens, or of two, from shots of boards."""

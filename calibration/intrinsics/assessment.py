@@ -16,8 +16,6 @@ from calibration.lenses.models import LensCamera
 from calibration.lenses.uncertainty import bearing_sigma
 from palletloc.geometry import FloatArray
 
-FEWEST_VIEWS = 3
-"""Fewer boards give no lens."""
 MAX_BEARING_SIGMA = float(np.radians(0.1))
 """A larger standard deviation of bearings fails, in radians; at the rim of the field it is a warning."""
 _OPEN_BEARING_SIGMA = float(np.radians(1.0))

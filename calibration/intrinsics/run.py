@@ -13,11 +13,13 @@ from rich.table import Table
 from scipy.spatial.transform import RigidTransform
 
 from calibration.findings import PASS, Finding, Severity, exit_code
-from calibration.intrinsics.assessment import FEWEST_VIEWS, check_fit
+from calibration.intrinsics.assessment import check_fit
 from calibration.intrinsics.board_views import Collected, collect, measure_again
 from calibration.intrinsics.report import LensReport, report_data, report_page
 from calibration.intrinsics.result import fitted_camera, measuring_lenses
+from calibration.intrinsics.stitched_run import MODEL, calibrate_stitched
 from calibration.intrinsics.task import IntrinsicsTask, read_intrinsics
+from calibration.intrinsics.view_checks import view_findings
 from calibration.lenses.fit import LensFit, NoStartError, fit_lenses
 from calibration.lenses.linking import UnlinkedError
 from calibration.lenses.models import LensModel, lens_model
@@ -55,6 +57,8 @@ def calibrate_intrinsics(
     PalletLocError
         If the model is unknown, a file is missing or wrong, or a file cannot be written.
     """
+    if model == MODEL:
+        return calibrate_stitched(folder, out, on_progress)
     lens = lens_model(model)
     task = read_intrinsics(folder)
     if task.lenses == 2 and lens.name != "kannala_brandt":
@@ -70,7 +74,7 @@ def calibrate_intrinsics(
 def _calibrate(
     task: IntrinsicsTask, lens: LensModel, found: Collected, on_progress: Callable[[str], None]
 ) -> LensReport:
-    findings = _view_findings(task, found)
+    findings = view_findings(task, found)
     if exit_code(findings) != PASS:
         return LensReport(lens.name, tuple(findings), found)
     on_progress("fitting")
@@ -109,24 +113,6 @@ def _fitted(task: IntrinsicsTask, lens: LensModel, found: Collected) -> LensFit 
         return Finding(Severity.DEGENERATE, "lenses_not_linked", str(error), how)
     except np.linalg.LinAlgError as error:
         return Finding(Severity.DEGENERATE, "unobservable", f"the boards leave the lens open: {error}", _TILT)
-
-
-def _view_findings(task: IntrinsicsTask, found: Collected) -> list[Finding]:
-    findings = [
-        Finding(Severity.WARNING, "duplicate_view", f"{one} is the same as {other}; it counts once", "take it out")
-        for one, other in found.duplicates
-    ]
-    findings += [
-        Finding(Severity.WARNING, "no_board", f"{shot} shows no whole board", "take it out or again")
-        for shot in found.empty
-    ]
-    for lens in range(task.lenses):
-        count = sum(view.lens == lens for view in found.views)
-        if count < FEWEST_VIEWS:
-            what = f"lens {lens}: {count} boards are seen; a lens needs {FEWEST_VIEWS} at least, better 15"
-            how = "take more shots, and check the numbers of the boards in intrinsics.yaml"
-            findings.append(Finding(Severity.DEGENERATE, "few_views", what, how))
-    return findings
 
 
 def _write(out: Path, report: LensReport) -> tuple[Path, ...]:

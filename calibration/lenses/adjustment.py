@@ -63,8 +63,17 @@ def adjust(bundle: Bundle, start: Rig, free: BoolArray | None = None, robust: fl
     return rig
 
 
-def shared_covariance(bundle: Bundle, rig: Rig) -> FloatArray:
-    """Return the covariance of the shared unknowns for residuals of unit variance.
+def shared_covariance(bundle: Bundle, rig: Rig, free: BoolArray | None = None) -> FloatArray:
+    """Return the covariance of the shared unknowns for residuals of unit variance; zero for those that are not free.
+
+    Parameters
+    ----------
+    bundle : Bundle
+        The observations.
+    rig : Rig
+        The solution.
+    free : (g,) array of bool, optional
+        Which shared unknowns were fitted; all by default.
 
     Raises
     ------
@@ -74,14 +83,19 @@ def shared_covariance(bundle: Bundle, rig: Rig) -> FloatArray:
     prediction = bundle.predict(rig)
     normal = _normal(prediction, bundle.shot_of, len(rig.shots), np.inf)
     reduced, _ = _reduced(normal, normal.shots)
+    whole = np.zeros_like(reduced)
+    chosen = np.ones(len(reduced), dtype=np.bool_) if free is None else free
+    if not chosen.any():
+        return whole
+    reduced = reduced[np.ix_(chosen, chosen)]
     size = np.sqrt(np.diag(reduced))
     if not (size > 0).all():
         raise np.linalg.LinAlgError("an unknown is not observed")
     scaled = reduced / np.outer(size, size)
     if np.linalg.eigvalsh(scaled)[0] < 1e-13:
         raise np.linalg.LinAlgError("a combination of unknowns is not observed")
-    covariance: FloatArray = np.linalg.inv(scaled) / np.outer(size, size)
-    return covariance
+    whole[np.ix_(chosen, chosen)] = np.linalg.inv(scaled) / np.outer(size, size)
+    return whole
 
 
 def _cost(prediction: Prediction, robust: float) -> float:

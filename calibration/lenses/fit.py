@@ -127,7 +127,7 @@ def fit_lenses(
     return min(fits, key=lambda fit: fit.plain_rms)
 
 
-def refined(bundle: Bundle, rig: Rig, dropped: tuple[str, ...] = ()) -> LensFit:
+def refined(bundle: Bundle, rig: Rig, dropped: tuple[str, ...] = (), free: BoolArray | None = None) -> LensFit:
     """Return the fit from a start near it: robust first, then linear without the outliers.
 
     Parameters
@@ -138,6 +138,8 @@ def refined(bundle: Bundle, rig: Rig, dropped: tuple[str, ...] = ()) -> LensFit:
         Where to begin.
     dropped : tuple of str
         Views that are not among them.
+    free : (g,) array of bool, optional
+        Which shared unknowns may change; all by default.
 
     Raises
     ------
@@ -145,24 +147,24 @@ def refined(bundle: Bundle, rig: Rig, dropped: tuple[str, ...] = ()) -> LensFit:
         If the observations leave an unknown open.
     """
     for _ in range(_ROUNDS):
-        rig = adjust(bundle, rig, robust=2 * _scatter(bundle, rig))
+        rig = adjust(bundle, rig, free, robust=2 * _scatter(bundle, rig))
     used = _inliers(bundle, rig)
     clean, kept_shots = _without(bundle, used)
-    solution = adjust(clean, replace(rig, shots=rig.shots[kept_shots]))
+    solution = adjust(clean, replace(rig, shots=rig.shots[kept_shots]), free)
     poses = rig.shots.as_matrix()
     poses[kept_shots] = solution.shots.as_matrix()
     residuals = clean.predict(solution).residuals
-    width = len(clean.names())
+    width = len(clean.names()) if free is None else int(free.sum())
     redundancy = residuals.size - width - 6 * len(kept_shots)
     factor = float(np.sqrt((residuals**2).sum() / max(redundancy, 1)))
-    covariance = max(factor, 1.0) ** 2 * shared_covariance(clean, solution)
+    covariance = max(factor, 1.0) ** 2 * shared_covariance(clean, solution, free)
     solution = replace(solution, shots=RigidTransform.from_matrix(poses))
-    return LensFit(bundle, solution, used, factor, covariance, _plain_rms(bundle, solution), dropped)
+    return LensFit(bundle, solution, used, factor, covariance, _plain_rms(bundle, solution, free), dropped)
 
 
-def _plain_rms(bundle: Bundle, rig: Rig) -> float:
+def _plain_rms(bundle: Bundle, rig: Rig, free: BoolArray | None) -> float:
     sigma = np.concatenate([view.sigma for view in bundle.views])
-    residuals = bundle.predict(adjust(bundle, rig)).residuals * sigma[:, None]
+    residuals = bundle.predict(adjust(bundle, rig, free)).residuals * sigma[:, None]
     return float(np.sqrt((residuals**2).sum(-1).mean()))
 
 

@@ -151,7 +151,14 @@ class StitchedSpec(Document):
 
 
 CameraSpec = Annotated[
-    EquirectangularSpec | KannalaBrandtSpec | MeiSpec | DoubleSphereSpec | EucmSpec | PinholeSpec | DualFisheyeSpec,
+    EquirectangularSpec
+    | KannalaBrandtSpec
+    | MeiSpec
+    | DoubleSphereSpec
+    | EucmSpec
+    | PinholeSpec
+    | DualFisheyeSpec
+    | StitchedSpec,
     Field(discriminator="model"),
 ]
 """Any camera model, told apart by its key ``model``."""

@@ -41,10 +41,16 @@ def shelf(
         str | None, typer.Option(help="Side of the shelf in the direction of travel: left, right.")
     ] = None,
     distance: Annotated[float | None, typer.Option(help="About how far it is from the camera, in metres.")] = None,
+    front: Annotated[
+        str, typer.Option(help="What the front is: uprights (their faces) or pallets (theirs).")
+    ] = "uprights",
 ) -> None:
     """Find the front plane of a shelf from a recording; by default around the plane that it states."""
     from calibration.shelf_run import calibrate_shelf
+    from calibration.shelf_survey import Front
 
+    if front not in [one.value for one in Front]:
+        raise typer.BadParameter(f"--front {front}: expected uprights or pallets")
     if out.suffix.lower() not in (".yaml", ".yml"):
         raise PalletLocError(f"--out {out}: expected the name of a .yaml file")
     if (side is None) != (distance is None):
@@ -52,7 +58,7 @@ def shelf(
     progress = Console(stderr=True)
     with progress.status("reading") as status:
         told = status.update if progress.is_terminal else lambda _: None
-        outcome = calibrate_shelf(recording, out, side, distance, told)
+        outcome = calibrate_shelf(recording, out, side, distance, Front(front), told)
     _conclude(outcome)
 
 

@@ -12,8 +12,9 @@ from palletloc.geometry import BoolArray, FloatArray, wrap_angle
 
 _NEAR = float(np.sin(np.radians(3.0)))
 _NEAR_LEVEL = float(np.radians(5.0))
-_PLUMB, _LEVEL = float(np.radians(0.17)), float(np.radians(0.15))
+_PLUMB, _LEVEL = float(np.radians(0.1)), float(np.radians(0.15))
 _BIN = float(np.radians(4.0))
+_SECTOR = float(np.radians(20.0))
 _LEAST = 8
 _LEAST_HEIGHT = 0.08
 _ROUNDS = 20
@@ -54,7 +55,11 @@ def vertical_tilt(shots: Sequence[Segments]) -> Tilt | None:
     if len(azimuth) < _LEAST:
         return None
     design = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
-    turn, scatter, weight = _robust(design, away, 1 / sigma)
+    turn, _, _ = _robust(design, away, 1 / sigma)
+    # Parts of an image that are coarse or badly stitched scatter more, and count less.
+    turn, scatter, weight = _robust(
+        design, away, 1 / (sigma * _local_scatter(azimuth, (away - design @ turn) / sigma))
+    )
     random = np.linalg.pinv((design * weight[:, None] ** 2).T @ design) * max(scatter, 0.5) ** 2
     covariance = random + _PLUMB**2 * np.linalg.pinv(_distinct(design, azimuth, shot))
     return Tilt(turn, np.linalg.pinv(covariance), len(azimuth))
@@ -90,6 +95,16 @@ def _robust(design: FloatArray, values: FloatArray, weight: FloatArray) -> tuple
         scatter = max(1.4826 * float(np.median(np.abs(off))), 1e-3)
         now = weight / (1 + (off / (2 * scatter)) ** 2)
     return solution, scatter, now
+
+
+def _local_scatter(azimuth: FloatArray, errors: FloatArray) -> FloatArray:
+    """Return the scatter of errors around each azimuth, against zero, not below a half."""
+    sector = np.floor(azimuth / _SECTOR).astype(np.intp)
+    scatter = np.ones(len(azimuth))
+    for one in np.unique(sector):
+        mine = sector == one
+        scatter[mine] = 1.4826 * np.median(np.abs(errors[mine])) if mine.sum() >= _LEAST else 2.0
+    return np.maximum(scatter, 0.5)
 
 
 def _distinct(design: FloatArray, azimuth: FloatArray, shot: FloatArray) -> FloatArray:

@@ -90,7 +90,9 @@ def check_mounting(recording: Recording, on_progress: Callable[[str], None] = la
     if plumb is None:
         return MountingCheck(recording, tuple(segments), (), None, np.zeros((2, 2)), 1.0, None, None)
     corrected = _turned(recording.forklift_from_camera, -plumb.turn)
-    survey = survey_shelf(replace(recording, forklift_from_camera=corrected), recording.shelf, on_progress)
+    survey = survey_shelf(
+        replace(recording, forklift_from_camera=corrected), recording.shelf, on_progress=on_progress
+    )
     tilts = [NamedTilt(VERTICALS, plumb)]
     level = _level(segments, spread, survey, plumb.turn)
     if level is not None:

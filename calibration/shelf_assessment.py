@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.findings import Finding, Severity, exit_code
-from calibration.front_line import PALLETS, UPRIGHTS
+from calibration.front_line import UPRIGHTS
 from calibration.shelf_plane import Disagreement, FusedPlane
-from calibration.shelf_survey import ShelfSurvey
+from calibration.shelf_survey import Front, ShelfSurvey
 
 LOOSE_M, LOOSE_DEG = 0.0075, 0.15
 """Standard deviations above which the user is warned."""
-USELESS_M, USELESS_DEG = 0.035, 0.75
+USELESS_M, USELESS_DEG = 0.07, 0.75
 """Standard deviations above which the result fails."""
 _PRIOR_M, _PRIOR_DEG = 0.65, 13.0
 _LEAST_DISTANCE = 0.3
@@ -112,11 +112,11 @@ def _restrictions(survey: ShelfSurvey) -> Iterator[Finding]:
     for one in survey.skipped:
         how = "drive along the shelf past two uprights" if one.method == UPRIGHTS else "expected where there are none"
         yield Finding(Severity.WARNING if one.method == UPRIGHTS else Severity.NOTE, one.code, one.what, how)
-    if names == {PALLETS}:
+    if survey.front is Front.UPRIGHTS and UPRIGHTS not in names:
         yield Finding(
             Severity.WARNING,
             "pallets_only",
-            "only pallets tell where the front is, and they need not stand flush with it",
+            "no upright tells where the front is, and pallets need not stand flush with it",
             "let the way pass two uprights of the shelf",
         )
     if abs(survey.bundle.scale - 1) > _SCALE:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -71,6 +71,19 @@ class PlaneEstimate:
         """Standard deviations of turn and distance, each with the other one free; infinite where left open."""
         inverse = inverse_of(self.information)
         return float(np.sqrt(inverse[0, 0])), float(np.sqrt(inverse[1, 1]))
+
+    def apart(self, depth: float) -> PlaneEstimate:
+        """Return what it says of another plane, parallel to it, that lies before or behind it by some metres.
+
+        Parameters
+        ----------
+        depth : float
+            Standard deviation of how far, in metres.
+        """
+        if not self.information[1, 1] > 0:
+            return self
+        information = np.linalg.inv(np.linalg.inv(self.information) + np.diag([0.0, depth**2]))
+        return replace(self, information=np.asarray(information))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

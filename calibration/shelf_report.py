@@ -11,11 +11,16 @@ from calibration.finding_table import finding_data, finding_parts
 from calibration.shelf_assessment import ShelfAssessment
 from calibration.shelf_figure import plan_figure
 from calibration.shelf_plane import Foot, PlaneEstimate
+from calibration.shelf_survey import Front
 from palletloc.drawing.canvas import small_png
 from palletloc.report.page import Column, embedded, heading, key_figures, page, paragraph, picture, table
 from palletloc.shelf import ShelfPlane
 
 _DEGREE, _PM = "\N{DEGREE SIGN}", "\N{PLUS-MINUS SIGN}"
+_FRONT = {
+    Front.UPRIGHTS: "the front faces of the uprights",
+    Front.PALLETS: "the middle of the pallets' fronts",
+}
 _VERDICT = {0: "The plane holds.", 1: "The plane fails.", 3: "The data cannot give the plane."}
 
 
@@ -26,6 +31,7 @@ def shelf_data(assessment: ShelfAssessment) -> dict[str, Any]:
         "format": 1,
         "exit_code": assessment.exit_code,
         "reasons": [finding_data(one) for one in assessment.findings],
+        "front": str(survey.front),
         "shots": len(survey.shots),
         "foot_m": survey.foot.point.tolist(),
         "methods": [_method_data(survey.foot, one) for one in survey.estimates],
@@ -80,7 +86,7 @@ def _parts(assessment: ShelfAssessment) -> Iterator[str]:
             ]
         )
         yield paragraph(
-            "The plane goes through the front faces of the uprights, in odom as it was at the first sample of the"
+            f"The plane goes through {_FRONT[survey.front]}, in odom as it was at the first sample of the"
             " odometry. The distance is that from the camera at the middle of the way; after the sign stands one"
             " standard deviation."
         )

@@ -17,7 +17,7 @@ from calibration.findings import PASS
 from calibration.outcome import Outcome, free_stem
 from calibration.shelf_assessment import ShelfAssessment, assess_shelf
 from calibration.shelf_report import method_columns, method_row, shelf_data, shelf_page
-from calibration.shelf_survey import survey_shelf
+from calibration.shelf_survey import Front, survey_shelf
 from palletloc.errors import PalletLocError
 from palletloc.geometry import wrap_angle
 from palletloc.io.atomic import write_text
@@ -32,6 +32,7 @@ def calibrate_shelf(
     out: Path,
     side: str | None = None,
     distance: float | None = None,
+    front: Front = Front.UPRIGHTS,
     on_progress: Callable[[str], None] = lambda _: None,
 ) -> Outcome:
     """Find the front of a recording's shelf and write the recording.yaml with it.
@@ -46,6 +47,8 @@ def calibrate_shelf(
         ``left`` or ``right``: where the shelf is, seen in the direction of travel; from recording.yaml if left out.
     distance : float, optional
         About how far the shelf is from the camera, in metres; with `side`.
+    front : Front
+        Which plane is wanted.
     on_progress : callable
         Is told what is done next.
 
@@ -63,7 +66,7 @@ def calibrate_shelf(
     prior = recording.shelf
     if side is not None and distance is not None:
         prior = beside(recording, side, distance)
-    assessment = assess_shelf(survey_shelf(recording, prior, on_progress))
+    assessment = assess_shelf(survey_shelf(recording, prior, front, on_progress))
     on_progress("writing the report")
     files = _write(folder, out, assessment)
     reasons = tuple(finding_line(one) for one in assessment.findings)

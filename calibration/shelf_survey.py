@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
 
 import numpy as np
 
@@ -31,11 +32,21 @@ _MOST_SHOTS, _LINE_SHOTS = 24, 8
 _ASIDE = np.radians([-50.0, 0.0, 50.0])
 _BEAM_REACH = 0.1
 _BESIDE_PALLET = 0.06
+_APART = 0.05
 _NEAR_DEPTH, _FAR_DEPTH = 0.2, 0.6
 _KNOWN_TURN, _ROUGH_TURN = float(np.radians(1.2)), float(np.radians(6.0))
 _LEAST_BASELINE = 0.2
 _LEAST_ACROSS = float(np.radians(15.0))
 _BIASES = np.arange(-0.008, 0.0081, 0.002)
+
+
+class Front(StrEnum):
+    """What the shelf's front is taken to be."""
+
+    UPRIGHTS = "uprights"
+    """The front faces of the uprights."""
+    PALLETS = "pallets"
+    """The mean of the pallets' fronts, which often hang over."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,6 +71,8 @@ class ShelfSurvey:
     """Which of its shots were used."""
     prior: ShelfPlane
     """What was known before, in odom."""
+    front: Front
+    """Which plane is wanted."""
     foot: Foot
     """What planes are described from."""
     observed: Observed
@@ -89,7 +102,10 @@ class ShelfSurvey:
 
 
 def survey_shelf(
-    recording: Recording, prior: ShelfPlane, on_progress: Callable[[str], None] = lambda _: None
+    recording: Recording,
+    prior: ShelfPlane,
+    front: Front = Front.UPRIGHTS,
+    on_progress: Callable[[str], None] = lambda _: None,
 ) -> ShelfSurvey:
     """Find the front of a shelf.
 
@@ -99,6 +115,8 @@ def survey_shelf(
         Its shelf's entry is not used.
     prior : ShelfPlane
         Roughly the plane, in odom: half a metre and ten degrees.
+    front : Front
+        Which plane is wanted. Uprights and pallets may be centimetres apart.
     on_progress : callable
         Is told what is done next.
 
@@ -140,11 +158,13 @@ def survey_shelf(
             skipped.append(Skipped(BEAMS, "no_beams", "no beam of a known height, off the camera's, is seen"))
         lines = _lines(recording, shots, bundle.poses, foot, rough.turn)
         estimates += beams if lines is None else [*beams, lines]
+    estimates = [one.apart(0.0 if _tells(one, front) else _APART) for one in estimates]
     members = np.zeros(len(edges.vote)) if line is None else line.members.astype(np.float64)
     return ShelfSurvey(
         recording,
         tuple(shots),
         prior,
+        front,
         foot,
         observed,
         bundle,
@@ -155,6 +175,11 @@ def survey_shelf(
         tuple(skipped),
         fuse(estimates, _common(recording, estimates)) if estimates else None,
     )
+
+
+def _tells(one: PlaneEstimate, front: Front) -> bool:
+    """Tell whether a method sees the wanted plane itself."""
+    return (one.method == PALLETS) == (front is Front.PALLETS)
 
 
 def _models(recording: Recording, observed: Observed) -> tuple[PalletModel, ...]:

@@ -12,12 +12,10 @@ from tracking.path_limits import PathLimits
 class MeasurementErrors:
     """How the errors of single shots belong together.
 
-    Chosen by 25 recordings: the two that come with truth, altered copies of them, and nine simulated from other seeds
-    than anything else here was made with. Errors of a pallet's shots, in units of their stated sigma, agree by 0.4 to
-    0.6 of their variance within half a metre of way, by a third after one metre and by a fifth after two and a half.
-    With these figures the NEES of the tracks is 4.2 on average, from 2.1 to 7.1, and in 23 recordings from 2 to 6;
-    without inflation it is 4.8, from 2.5 to 8.2, and in 18 from 2 to 6. Twice the place and half as much yaw again
-    give the same. To share a part of every variance, beside these figures or in place of them, agreed no better.
+    Errors of a pallet's shots, in units of their stated sigma, agree by 0.4 to 0.6 of their variance within half a
+    metre of way, by a third after one metre and by a fifth after two and a half: found on 25 recordings, two with
+    scenes of their own, the others altered copies of them and synthetic ones. To share a part of every
+    variance, beside these figures or in place of them, agreed no better.
     """
 
     common_position_m: float = 0.0025
@@ -29,9 +27,9 @@ class MeasurementErrors:
     """Largest part of a measurement's variance that others share."""
     common_path_m: float = 1.5
     """Way of the forklift over which that falls to a third, as the view of the pallet changes."""
-    inflation: float = 1.2
-    """Factor on all covariances that measurements state: it stands for what else successive shots share, and for
-    outliers. 1: they are used as they are."""
+    inflation: float = 1.0
+    """Factor on all covariances that measurements state. 1: they are used as they are; more where successive shots
+    share more than the figures above say."""
     latency_s: float = 0.0
     """How much later than the exposure a shot is stamped."""
 

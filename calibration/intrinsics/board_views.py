@@ -66,6 +66,7 @@ def collect(task: IntrinsicsTask, on_progress: Callable[[str], None] = lambda _:
     else:
         _collect_shots(task, found, on_progress)
     _merge_same_corners(found)
+    found.views = numbered_boards(found.views)
     return found
 
 
@@ -107,11 +108,12 @@ def _collect_coded(
 ) -> None:
     """Add the corners of markers, which need no lens that is known well; they are measured again when it is."""
     camera = task.start_of_lens(lens) or _equidistant(task, lens)
+    own = _own_part(task, image, lens)
     for dictionary in sorted({board.dictionary for board in boards.values()}):
         mine = {name: board for name, board in boards.items() if board.dictionary == dictionary}
         missing = dict(mine)
         for scale in SCALES:
-            markers = detect_markers(camera, image, dictionary, scale) if missing else []
+            markers = detect_markers(camera, own, dictionary, scale) if missing else []
             for name, board in list(missing.items()):
                 place = _place(task, shot, name, lens)
                 best = _marker_view(camera, markers, board, place)
@@ -164,6 +166,28 @@ def _part(task: IntrinsicsTask, image: Image, lens: int) -> tuple[int, Image]:
         return 0, image
     half = image.shape[1] // 2
     return lens * half, np.ascontiguousarray(image[:, lens * half : (lens + 1) * half])
+
+
+def _own_part(task: IntrinsicsTask, image: Image, lens: int) -> Image:
+    """Return a shot in which what other lenses show is black."""
+    if task.lenses == 1:
+        return image
+    half = image.shape[1] // 2
+    own = np.zeros_like(image)
+    own[:, lens * half : (lens + 1) * half] = image[:, lens * half : (lens + 1) * half]
+    return own
+
+
+def numbered_boards(views: Sequence[BoardView]) -> list[BoardView]:
+    """Return views with their boards numbered without gaps, so that a board that is never seen has no number.
+
+    Parameters
+    ----------
+    views : sequence of BoardView
+        Of all lenses.
+    """
+    seen = sorted({view.board for view in views})
+    return [replace(view, board=seen.index(view.board)) for view in views]
 
 
 def _place(task: IntrinsicsTask, shot: str, board: str, lens: int) -> tuple[str, int, int, int]:

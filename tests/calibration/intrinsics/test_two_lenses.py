@@ -1,17 +1,23 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
+import yaml
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from calibration.formats.own import read_own
+from calibration.intrinsics.board_views import numbered_boards
+from calibration.lenses.bundle import BoardView
+from calibration.targets import CharucoBoard
 from palletloc.__main__ import COMMANDS
 from palletloc.cameras import DualFisheye, FisheyeLens, KannalaBrandt
 from palletloc.cli.app import run
-from palletloc.geometry import FloatArray
+from palletloc.geometry import FloatArray, Image
 
 SIZE = (1600, 800)
 TERMS = (0.012, -0.004, 0.001, -0.0001)
@@ -96,6 +102,47 @@ def test_two_lenses_become_one_camera(tmp_path: Path, still: bool, shots: int) -
     data = json.loads((tmp_path / "camera.json").read_text())
     assert data["rms_px"] == pytest.approx(0.05 * np.sqrt(2), rel=0.05)
     assert len(data["lenses"]) == 2
+
+
+@pytest.mark.slow
+def test_raw_shots_of_boards_give_both_lenses(tmp_path: Path, render: Callable[..., Image]) -> None:
+    small = [
+        FisheyeLens(
+            KannalaBrandt(1200, 600, 170.0, 170.5, cx, 299.0, *TERMS, float(np.radians(100.0))), lens.camera_from_lens
+        )
+        for lens, cx in ((TRUTH.front, 301.0), (TRUTH.back, 898.0))
+    ]
+    truth = DualFisheye(*small)
+    boards = [CharucoBoard(4, 3, 0.2, 0.15, "DICT_4X4_50", 6 * k) for k in range(5)]
+    middle = RigidTransform.from_translation([-0.4, -0.3, 0.0])
+    rng, shots = np.random.default_rng(5), []
+    for i in range(7):
+        place = RigidTransform.from_components(
+            rng.normal(0, 0.15, 3), Rotation.from_rotvec(rng.normal(0, [0.3, 0.3, 1.5]))
+        )
+        # The fifth board is never seen.
+        hung = [(one, place.inv() * pose * middle) for one, pose in zip(boards, room(0), strict=False)]
+        cv2.imwrite(str(tmp_path / f"{i}.png"), render(truth, hung))
+        shots.append(f"{i}.png")
+    spec = {"columns": 4, "rows": 3, "square_m": 0.2, "marker_m": 0.15, "dictionary": "DICT_4X4_50"}
+    content = {
+        "format": 1, "width": 1200, "height": 600, "lenses": 2, "shots": shots, "boards_stand_still": True,
+        "boards": {f"B{k}": {"charuco": spec | {"first_id": 6 * k}} for k in (4, 0, 1, 2, 3)},
+    }  # fmt: skip
+    (tmp_path / "intrinsics.yaml").write_text(yaml.safe_dump(content))
+    assert run(["calibrate", "intrinsics", str(tmp_path), "--out", str(tmp_path / "camera.yaml")], COMMANDS) == 0
+    camera = read_own(tmp_path / "camera.yaml")
+    assert isinstance(camera, DualFisheye)
+    found = camera.front.camera_from_lens.inv() * camera.back.camera_from_lens
+    off = found * (TRUTH.front.camera_from_lens.inv() * TRUTH.back.camera_from_lens).inv()
+    assert np.degrees(off.rotation.magnitude()) < 0.05
+    assert np.abs(off.translation).max() < 0.002
+    assert json.loads((tmp_path / "camera.json").read_text())["rms_px"] < 0.05
+
+
+def test_a_board_that_is_never_seen_has_no_number() -> None:
+    views = [BoardView(f"{i}", i, board, 0, *([np.zeros((1, 3))] * 3)) for i, board in enumerate((3, 1, 3))]
+    assert [view.board for view in numbered_boards(views)] == [1, 0, 1]
 
 
 def test_lenses_without_a_link_are_degenerate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -15,9 +15,11 @@ UPRIGHTS, PALLETS = "uprights", "pallets"
 TALL = 0.45
 """Part of the height bands that an upright's edge is clear in."""
 _NEAR = 0.008
-_FRONT_SHARE = 0.5
+_SURPRISE = 0.2
+_LEAST_SUPPORT = 1.2
+_POST_DEPTH, _AGAINST = 0.14, 1.5
 _TURN_STEPS = np.linspace(-2.5, 2.5, 61)
-_BUILT_DEPTH, _BUILT_TURN = 0.004, float(np.radians(0.05))
+_BUILT_DEPTH, _BUILT_TURN = 0.006, float(np.radians(0.1))
 _PALLET_DEPTH, _PALLET_TURN = 0.03, float(np.radians(1.5))
 
 
@@ -36,7 +38,7 @@ class FrontLine:
 def upright_line(
     edges: Edges, places: FloatArray, covariance: FloatArray, foot: Foot, turn_sigma: float
 ) -> FrontLine | None:
-    """Find the foremost line of upright edges.
+    """Find the line of the uprights' front corners.
 
     Parameters
     ----------
@@ -59,14 +61,14 @@ def upright_line(
     Notes
     -----
     Behind the front corners of the posts their rear corners form a line as straight, and as clear. The front is the
-    foremost line that has half as much support as the best one.
+    line with the most tall edges on it, and with none of them just before it.
     """
     tall = np.abs(edges.vote) >= TALL
     if tall.sum() < 2:
         return None
     right, depth = foot.local(places).T
     spread = np.sqrt(np.maximum(np.diag(covariance).reshape(-1, 2).sum(1), 0.0))
-    found = _foremost(right[tall], depth[tall], np.abs(edges.vote[tall]), _NEAR + 0.3 * spread[tall], turn_sigma)
+    found = _supported(right[tall], depth[tall], np.abs(edges.vote[tall]), _NEAR + 0.3 * spread[tall], turn_sigma)
     if found is None:
         return None
     turn, distance = found
@@ -86,28 +88,25 @@ def _part(covariance: FloatArray, members: BoolArray) -> FloatArray:
     return covariance[np.ix_(keep, keep)]
 
 
-def _foremost(
+def _supported(
     right: FloatArray, depth: FloatArray, weight: FloatArray, width: FloatArray, turn_sigma: float
 ) -> tuple[float, float] | None:
-    """Return turn and distance of the foremost line with enough support."""
-    lines = []
+    """Return turn and distance of the line that tall edges support best.
+
+    Tall edges just before a line speak against it: it would run through the rear corner of that post.
+    """
+    best: tuple[float, float, float] | None = None
     for turn in turn_sigma * _TURN_STEPS:
+        surprise = _SURPRISE * float(turn / turn_sigma) ** 2
         along = np.cos(turn) * depth - np.sin(turn) * right
-        belief = np.exp(-0.5 * (turn / turn_sigma) ** 2)
         for distance in along:
-            support = weight * np.exp(-0.5 * ((along - distance) / width) ** 2)
-            lines.append((float(belief * support.sum()), float(turn), float(distance)))
-    if not lines:
-        return None
-    most = max(support for support, _, _ in lines)
-    # The best line is the one the others are compared with; those near the foremost good one are the same line.
-    good = [line for line in lines if line[0] >= _FRONT_SHARE * most and line[0] > 1.2 * weight.max() * 0.8]
-    if not good:
-        return None
-    front = min(distance for _, _, distance in good)
-    near = [line for line in good if line[2] < front + 0.025]
-    _, turn, distance = max(near)
-    return turn, distance
+            off = along - distance
+            support = float((weight * np.exp(-0.5 * (off / width) ** 2)).sum())
+            against = float(weight[(off < -3 * width) & (off > -_POST_DEPTH)].sum())
+            score = support - _AGAINST * against - surprise * float(weight.max())
+            if support > _LEAST_SUPPORT * weight.max() and (best is None or score > best[0]):
+                best = score, float(turn), float(distance)
+    return None if best is None or best[0] <= 0 else best[1:]
 
 
 def _fitted(

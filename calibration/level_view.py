@@ -18,6 +18,7 @@ REACH = float(np.radians(72.0))
 _LOW, _HIGH = -1.3, 0.9
 _ROW_STEP = 1.5
 _SMOOTH_PX = 1.5
+_BESIDE = 0.6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,7 +34,7 @@ class LevelView:
     slope: FloatArray
     """(rows, columns) derivative of brightness by azimuth, per column of a smoothed view."""
     ridge: FloatArray
-    """(rows, columns) the same where it is steepest along its row, zero elsewhere."""
+    """(rows, columns) 1 or -1 where that is clear and steepest along its row, less beside it, zero elsewhere."""
     light: float
     """Median brightness."""
     camera: FloatArray
@@ -41,8 +42,8 @@ class LevelView:
 
     @property
     def clear(self) -> float:
-        """Slope from which on an edge is clear: two parts in a hundred of the light."""
-        return max(0.5, 0.02 * self.light)
+        """Slope from which on an edge is clear."""
+        return clear_slope(self.light)
 
     @property
     def columns(self) -> int:
@@ -102,16 +103,21 @@ def level_view(camera: CameraModel, mounting: Mounting, image: Image, towards: f
     slope[blind] = 0.0
     light = float(np.median(seen[valid])) if valid.any() else 0.0
     center = np.asarray(mounting.center, dtype=np.float64)
-    kept = slope.astype(np.float64)
-    return LevelView(float(azimuth[0]), step, row_step, kept, _ridge(slope), light, center)
+    ridge = _ridge(slope / np.float32(clear_slope(light)))
+    return LevelView(float(azimuth[0]), step, row_step, slope.astype(np.float64), ridge, light, center)
+
+
+def clear_slope(light: float) -> float:
+    """Return the slope from which on an edge is clear: two parts in a hundred of the light."""
+    return max(0.5, 0.02 * light)
 
 
 def _ridge(slope: NDArray[np.float32]) -> FloatArray:
-    """Return the slope where no neighbour in its row is steeper, widened by a column to each side."""
+    """Return the slope, cut off at 1, where no neighbour in its row is steeper, and a part of it beside that."""
     even = cv2.sepFilter2D(slope, -1, np.ones(1), cv2.getGaussianKernel(15, 3.0))
     steep = np.abs(even)
-    top = np.where(steep >= cv2.dilate(steep, np.ones((1, 7), np.uint8)), even, 0.0)
+    top = np.where(steep >= cv2.dilate(steep, np.ones((1, 7), np.uint8)), np.clip(even, -1, 1), 0.0)
     wide = top.copy()
-    wide[:, 1:] += top[:, :-1]
-    wide[:, :-1] += top[:, 1:]
-    return wide.astype(np.float64)
+    wide[:, 1:] += _BESIDE * top[:, :-1]
+    wide[:, :-1] += _BESIDE * top[:, 1:]
+    return np.clip(wide, -1, 1).astype(np.float64)

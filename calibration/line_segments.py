@@ -15,7 +15,6 @@ from palletloc.mounting import Mounting
 
 _LEAST_PX = 40.0
 _END_ERROR_PX = 0.35
-_RIM_PX = 3.0
 _CLEAN = 1.0
 
 
@@ -75,10 +74,9 @@ def _in_patch(
         return nothing
     ends = np.asarray(lines, dtype=np.float64).reshape(-1, 2, 2)
     side = patch.image.shape[0]
-    inside = ((ends > _RIM_PX) & (ends < side - 1 - _RIM_PX)).all(axis=(1, 2))
     seen = cv2.erode(valid.astype(np.uint8), np.ones((7, 7), np.uint8))
     at = np.clip(np.rint(ends), 0, side - 1).astype(int)
-    inside &= seen[at[..., 1], at[..., 0]].all(axis=1)
+    inside = (seen[at[..., 1], at[..., 0]] > 0).all(axis=1)
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     ends, length = ends[inside & (length >= _LEAST_PX)], length[inside & (length >= _LEAST_PX)]
     rays = patch.directions(ends)

@@ -29,6 +29,7 @@ _LEAST_SHOTS = 3
 _LEAST_SPREAD = float(np.radians(10.0))
 _LEAST_VOTE = 0.3
 _MOST = 40
+_BOOST = 1.25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,5 +149,5 @@ def _clear_part(view: LevelView, azimuth: FloatArray, distance: FloatArray) -> F
             for z in (np.array(height), np.array(height + BAND))
         )
         mean = (summed[high, column] - summed[low, column]) / np.maximum(high - low, 1)
-        total += np.where(high - low > 2, np.clip(mean / view.clear, -1.0, 1.0), 0.0)
-    return total / len(BANDS)
+        total += np.where(high - low > 2, _BOOST * mean, 0.0)
+    return np.clip(total / len(BANDS), -1.0, 1.0)

@@ -24,7 +24,9 @@ def observed(seed: int = 0, *, scale: float = 1.0, bias: float = 0.0, yaw: float
     poses = way()
     durations = np.concatenate([[0.0], np.full(len(poses) - 1, 0.5)])
     before = np.concatenate([poses[:1], poses[:-1]])
-    drive = Drive(LevelPose(*poses[0][:2], 0.0, poses[0][2]), relative(before, poses), durations)
+    drive = Drive(
+        LevelPose(float(poses[0, 0]), float(poses[0, 1]), 0.0, float(poses[0, 2])), relative(before, poses), durations
+    )
     steps = drive.corrected(1 / scale, -bias) + 0.3 * drive.sigma * rng.standard_normal(drive.steps.shape)
     drive = Drive(drive.start, steps, durations)
     covariance = np.diag([0.002, 0.002, 0.002]) ** 2

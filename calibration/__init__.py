@@ -2,6 +2,6 @@
 
 The scope of this package is printed targets and their observations, the camera's pose on the forklift with
 its uncertainty, the shelf plane from measured pallets, and the comparison with a total station's survey.
-It imports nothing but `palletloc`. This version has targets and the camera's mounting; the shelf plane comes
-from the user.
+It imports nothing but `palletloc`. This version has targets, the camera's mounting, and its lenses with the camera
+files of other programs; the shelf plane comes from the user.
 """

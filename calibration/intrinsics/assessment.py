@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from calibration.findings import Finding, Severity
 from calibration.intrinsics.coverage import Coverage, coverage_of
@@ -146,7 +146,7 @@ def _neighbour_correlation(fit: LensFit) -> float:
     for view, used, residual in zip(fit.bundle.views, fit.used, fit.residuals, strict=True):
         if used.sum() <= _NEIGHBOURS:
             continue
-        near = np.asarray(cKDTree(view.points[used]).query(view.points[used], k=_NEIGHBOURS + 1)[1])
+        near = np.asarray(KDTree(view.points[used]).query(view.points[used], k=_NEIGHBOURS + 1)[1])
         own = residual[used]
         products += float((own[:, None] * own[near[:, 1:]]).sum())
         squares += _NEIGHBOURS * float((own**2).sum())

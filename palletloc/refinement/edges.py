@@ -26,7 +26,7 @@ CLEAR_COVERAGE = 0.5
 """Part of an edge that is seen where it is clear."""
 MOST_CLEAR = 0.7
 """Part of the edges that are clear in a good image: there, an edge that is not clear is not there."""
-BORDERING = 0.5
+BORDERING = 0.7
 """How much the edge says that parts the face from the pallet's own side, of the same wood in another light."""
 END_PIXELS = 1.0
 """How many pixels of the image at each end of an edge are left out."""

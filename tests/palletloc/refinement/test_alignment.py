@@ -165,7 +165,7 @@ def test_a_height_prior_makes_the_place_more_certain(portrait: Portrait, t11: Pa
 def test_one_opening_aside_there_is_doubt(portrait: Portrait, t11: PalletModel) -> None:
     shot = portrait(t11, POSE)
     aside = fitted(shot, t11, moved(POSE, 0.53, 0.0))
-    assert isinstance(aside, Reason) or aside.doubt > 1.15 * FaceFitConfig().max_doubt
+    assert isinstance(aside, Reason) or aside.doubt > 1.2 * FaceFitConfig().max_doubt
 
 
 def test_nothing_is_measured_in_a_plain_image(portrait: Portrait, t11: PalletModel) -> None:

@@ -2,10 +2,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
+import palletloc.refined
 from palletloc.cameras import CameraModel
 from palletloc.candidate import Candidate, ShotView
 from palletloc.config import LocalizerConfig
@@ -14,6 +16,7 @@ from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
 from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
 from palletloc.refined import measure_refined
+from palletloc.refinement.search import Search, search
 from palletloc.verification import of_use
 
 POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
@@ -234,3 +237,36 @@ def test_another_pallets_face_is_not_taken_for_it(
 ) -> None:
     found = measured(portrait(open_below, POSE), epal, POSE)
     assert found.refusal is not None
+
+
+def misled(monkeypatch: pytest.MonkeyPatch, right: float) -> None:
+    """Let the search of hypotheses end a way aside of where it does."""
+
+    def elsewhere(*where: Any) -> Search | Reason:
+        looked = search(*where)
+        if isinstance(looked, Reason):
+            return looked
+        peaks = tuple(replace(peak, pose=moved(peak.pose, right)) for peak in looked.found.peaks)
+        return replace(looked, found=replace(looked.found, peaks=peaks), finer=())
+
+    monkeypatch.setattr(palletloc.refined, "search", elsewhere)
+
+
+@pytest.mark.parametrize(("height", "found"), [(FLOOR, True), (None, False)], ids=["level", "free"])
+def test_on_a_level_a_start_is_tried_itself_where_the_search_leads_nowhere(
+    monkeypatch: pytest.MonkeyPatch, portrait: Portrait, t11: PalletModel, height: HeightPrior | None, found: bool
+) -> None:
+    misled(monkeypatch, 0.2)
+    candidate = measured(portrait(t11, POSE), t11, moved(POSE, 0.004, 0.006), height)
+    assert (candidate.refusal is None) is found
+    if found:
+        assert np.abs(wrong(candidate)[:3]).max() < 0.01
+
+
+def test_what_the_search_leads_to_counts_where_the_start_itself_leads_nowhere(
+    monkeypatch: pytest.MonkeyPatch, portrait: Portrait, t11: PalletModel
+) -> None:
+    misled(monkeypatch, 0.2)
+    both = measured(portrait(t11, POSE), t11, moved(POSE, 0.25))
+    assert both.refusal is not None
+    assert both.refusal[0] is Stage.VERIFICATION

@@ -36,7 +36,8 @@ _BESIDE_PALLET = 0.06
 _APART = 0.05
 _NEAR_DEPTH, _FAR_DEPTH = 0.2, 0.6
 _KNOWN_TURN, _ROUGH_TURN = float(np.radians(1.2)), float(np.radians(6.0))
-_BIASES = np.arange(-0.008, 0.0081, 0.002)
+_BIASES = np.arange(-0.009, 0.0091, 0.001)
+_ROUNDS = 3
 
 
 class Front(StrEnum):
@@ -140,7 +141,8 @@ def survey_shelf(
         estimates += [] if tagged is None else [tagged]
         if tagged is None:
             skipped.append(Skipped(TAGS, "no_tags", f"no tag of {tags.dictionary} is seen on the front"))
-    if (rough := fuse(estimates) if estimates else None) is not None:
+    rough = fuse(estimates) if estimates else None
+    if rough is not None and rough.covariance[1, 1] < _BEAM_REACH**2:
         on_progress("looking for beams and level edges")
         search = BeamSearch(
             foot, rough.turn, rough.distance, _BEAM_REACH, _stretches(recording, observed, bundle, foot)
@@ -267,16 +269,20 @@ def _uprights(
     depth = _NEAR_DEPTH if pallets else _FAR_DEPTH
     if pallets is None:
         poses = _least_blurred(views, observed.drive, rough)
-    edges = find_edges(views, poses, rough, depth)
-    sights = measure_edges(views, poses, edges, rough.yaw)
-    edges, sights = triangulated(views, poses, edges, sights)
-    if not len(edges.vote):
-        return observed, bundle, Edges.none(), None
-    observed = replace(observed, edges=tuple(sights))
-    bundle = solve(observed, edges.places)
     turn_sigma = _KNOWN_TURN if pallets else _ROUGH_TURN
+    for _ in range(
+        1 if pallets else _ROUNDS
+    ):  # without pallets the first poses are rough: once more by the solved ones
+        edges = find_edges(views, poses, rough, depth)
+        sights = measure_edges(views, poses, edges, rough.yaw)
+        edges, sights = triangulated(views, poses, edges, sights)
+        if not len(edges.vote):
+            return observed, bundle, Edges.none(), None
+        seen = replace(observed, edges=tuple(sights))
+        bundle = solve(seen, edges.places)
+        poses = bundle.poses
     line = upright_line(edges, bundle.edges, bundle.landmark_covariance()[1], foot, turn_sigma)
-    return observed, bundle, edges, line
+    return seen, bundle, edges, line
 
 
 def _views(

@@ -269,7 +269,7 @@ def _uprights(
     depth = _NEAR_DEPTH if pallets else _FAR_DEPTH
     if pallets is None:
         poses = _least_blurred(views, observed.drive, rough)
-    turn_sigma = _KNOWN_TURN if pallets else _ROUGH_TURN
+    turn_sigma = min(_KNOWN_TURN, 1.5 * pallets.sigma[0]) if pallets else _ROUGH_TURN
     for _ in range(
         1 if pallets else _ROUNDS
     ):  # without pallets the first poses are rough: once more by the solved ones

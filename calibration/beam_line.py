@@ -24,7 +24,7 @@ _TURNS = np.radians(np.arange(-1.5, 1.51, 0.05))
 _BLOCK = 10
 _LEAST_POINTS, _LEAST_LENGTH = 12, 0.8
 _LEVEL_ERROR = 0.006
-_BUILT_DEPTH, _BUILT_TURN = 0.02, float(np.radians(0.2))
+_BUILT_DEPTH, _BUILT_TURN = 0.02, float(np.radians(0.5))
 _SHARED = 4.0
 
 

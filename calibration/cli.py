@@ -44,10 +44,14 @@ def shelf(
     front: Annotated[
         str, typer.Option(help="What the front is: uprights (their faces) or pallets (theirs).")
     ] = "uprights",
+    tag_size: Annotated[float | None, typer.Option(min=0.01, help="Side of tags on the uprights, in metres.")] = None,
+    tag_dictionary: Annotated[str, typer.Option(help="Of these tags, as OpenCV names it.")] = "DICT_APRILTAG_36h11",
+    tag_offset: Annotated[float, typer.Option(help="How far their faces lie before the front, in metres.")] = 0.0,
 ) -> None:
     """Find the front plane of a shelf from a recording; by default around the plane that it states."""
     from calibration.shelf_run import calibrate_shelf
     from calibration.shelf_survey import Front
+    from calibration.upright_tags import TagsOnUprights
 
     if front not in [one.value for one in Front]:
         raise typer.BadParameter(f"--front {front}: expected uprights or pallets")
@@ -55,10 +59,11 @@ def shelf(
         raise PalletLocError(f"--out {out}: expected the name of a .yaml file")
     if (side is None) != (distance is None):
         raise typer.BadParameter("--side and --distance go together")
+    tags = None if tag_size is None else TagsOnUprights(tag_dictionary, tag_size, tag_offset)
     progress = Console(stderr=True)
     with progress.status("reading") as status:
         told = status.update if progress.is_terminal else lambda _: None
-        outcome = calibrate_shelf(recording, out, side, distance, Front(front), told)
+        outcome = calibrate_shelf(recording, out, side, distance, Front(front), tags, told)
     _conclude(outcome)
 
 

@@ -16,6 +16,7 @@ TALL = 0.45
 """Part of the height bands that an upright's edge is clear in."""
 _NEAR = 0.008
 _SURPRISE = 0.2
+_LOOSE_TURN = float(np.radians(1.2))
 _LEAST_SUPPORT = 1.2
 _POST_DEPTH, _AGAINST = 0.14, 1.5
 _TURN_STEPS = np.linspace(-2.5, 2.5, 61)
@@ -77,7 +78,9 @@ def upright_line(
         members = tall & (np.abs(off) < 2.0 * (_NEAR + 0.3 * spread))
         if members.sum() < 2:
             return None
-        turn, distance, information = _fitted(places[members], _part(covariance, members), foot, turn_sigma)
+        turn, distance, information = _fitted(
+            places[members], _part(covariance, members), foot, max(turn_sigma, _LOOSE_TURN)
+        )
     posts = 1 + int((np.diff(np.sort(right[members])) > 0.4).sum())
     evidence = f"{int(members.sum())} vertical edges of {posts} upright{'s' * (posts > 1)}"
     return FrontLine(PlaneEstimate(UPRIGHTS, turn, distance, information, evidence), members, posts)

@@ -12,7 +12,8 @@ from scipy.stats import chi2
 from calibration.gravity_lines import Tilt, level_direction, level_tilt, vertical_tilt
 from calibration.line_segments import Segments, find_segments
 from calibration.shelf_bundle import solve
-from calibration.shelf_survey import ShelfSurvey, survey_shelf, usable_shots
+from calibration.shelf_shots import usable_shots
+from calibration.shelf_survey import ShelfSurvey, survey_shelf
 from palletloc.geometry import FloatArray
 from palletloc.io.recording import Recording
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,7 +35,7 @@ class Reach:
 _TRIED = tuple((depth, float(np.radians(yaw))) for depth in (-0.3, 0.05, 0.4) for yaw in (-7.0, 0.0, 7.0))
 """Planes that are tried around the user's, by depth and yaw: together they cover half a metre and ten degrees."""
 _FIRST = Reach(0.25, float(np.radians(4.5)))
-_AGAIN = Reach(0.15, float(np.radians(4.0)))
+_AGAIN, _LAST = Reach(0.15, float(np.radians(4.0))), Reach(0.08, float(np.radians(1.5)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,22 +106,55 @@ def _moved(recording: Recording, prior: ShelfPlane, depth: float, yaw: float) ->
     return replace(prior, x=float(foot[0]), y=float(foot[1]), facing=float(wrap_angle(prior.facing + yaw)))
 
 
+def see_again(recording: Recording, shots: Sequence[int], poses: FloatArray, plane: ShelfPlane) -> list[PalletSight]:
+    """Localize the pallets of a recording once plane and poses are known well.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording.
+    shots : sequence of int
+        Which of its shots to use.
+    poses : (n, 3) array
+        ``odom_from_forklift`` at these, without the odometry's drift.
+    plane : ShelfPlane
+        About the fronts of the pallets, in odom.
+
+    Returns
+    -------
+    list of PalletSight
+        Numbered by their place in `shots`.
+    """
+    shelves = [plane.seen_from(LevelPose(float(x), float(y), 0.0, float(yaw))) for x, y, yaw in poses]
+    return _localized(recording, [(i, shot, shelves[i]) for i, shot in enumerate(shots)], _LAST)
+
+
 def _look(
     recording: Recording, numbered: Sequence[tuple[int, int]], plane: ShelfPlane, reach: Reach
+) -> list[PalletSight]:
+    moved = replace(recording, shelf=plane)
+    shelves = []
+    for number, index in numbered:
+        with suppress(PalletLocError):
+            shelves.append((number, index, shelf_at(moved, recording.shots[index].time, LocalizerConfig().prior)))
+    return _localized(recording, shelves, reach)
+
+
+def _localized(
+    recording: Recording, numbered: Sequence[tuple[int, int, ShelfPlane]], reach: Reach
 ) -> list[PalletSight]:
     config = LocalizerConfig()
     detection = replace(config.detection, plane_depth=reach.depth, plane_yaw_deg=float(np.degrees(reach.yaw)))
     config = replace(config, detection=detection)
     localizer = Localizer(recording.camera, recording.mounting, recording.models, config=config)
+    keep = np.ix_([0, 1, 3], [0, 1, 3])
     seen: list[PalletSight] = []
-    for number, index in numbered:
+    for number, index, shelf in numbered:
         shot = recording.shots[index]
         try:
-            shelf = shelf_at(replace(recording, shelf=plane), shot.time, config.prior)
             found = localizer.localize(recording.image(shot), shot.time, shelf, shot.file)
         except PalletLocError:  # a shot that cannot be used: too near, or damaged; others may do
             continue
-        keep = np.ix_([0, 1, 3], [0, 1, 3])
         seen += [
             PalletSight(number, one.model, one.forklift_from_pallet, one.covariance[keep])
             for one in found

@@ -18,6 +18,7 @@ from calibration.outcome import Outcome, free_stem
 from calibration.shelf_assessment import ShelfAssessment, assess_shelf
 from calibration.shelf_report import method_columns, method_row, shelf_data, shelf_page
 from calibration.shelf_survey import Front, survey_shelf
+from calibration.upright_tags import TagsOnUprights
 from palletloc.errors import PalletLocError
 from palletloc.geometry import wrap_angle
 from palletloc.io.atomic import write_text
@@ -33,6 +34,7 @@ def calibrate_shelf(
     side: str | None = None,
     distance: float | None = None,
     front: Front = Front.UPRIGHTS,
+    tags: TagsOnUprights | None = None,
     on_progress: Callable[[str], None] = lambda _: None,
 ) -> Outcome:
     """Find the front of a recording's shelf and write the recording.yaml with it.
@@ -49,6 +51,8 @@ def calibrate_shelf(
         About how far the shelf is from the camera, in metres; with `side`.
     front : Front
         Which plane is wanted.
+    tags : TagsOnUprights, optional
+        Tags on the uprights, where there are any.
     on_progress : callable
         Is told what is done next.
 
@@ -66,7 +70,7 @@ def calibrate_shelf(
     prior = recording.shelf
     if side is not None and distance is not None:
         prior = beside(recording, side, distance)
-    assessment = assess_shelf(survey_shelf(recording, prior, front, on_progress))
+    assessment = assess_shelf(survey_shelf(recording, prior, front, tags, on_progress))
     on_progress("writing the report")
     files = _write(folder, out, assessment)
     reasons = tuple(finding_line(one) for one in assessment.findings)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.beam_line import BEAMS, BeamSearch, beam_lines
 from calibration.drive import Drive, compose, read_drive
@@ -16,28 +17,27 @@ from calibration.gravity_lines import level_direction, level_heading
 from calibration.level_view import LevelView, level_view
 from calibration.line_segments import find_segments
 from calibration.shelf_bundle import Bundle, Observed, same_pallets, solve
-from calibration.shelf_pallets import see_pallets
+from calibration.shelf_pallets import PalletSight, see_again, see_pallets
 from calibration.shelf_plane import Foot, FusedPlane, PlaneEstimate, fuse
+from calibration.shelf_shots import Skipped, motion_refusal, usable_shots
 from calibration.upright_edges import Edges, find_edges
+from calibration.upright_tags import TAGS, TagsOnUprights, tag_places, tag_plane
 from palletloc.geometry import FloatArray, wrap_angle
-from palletloc.io.images import ImageError
 from palletloc.io.recording import Recording
 from palletloc.pallet import PalletModel
 from palletloc.shelf import ShelfPlane
-from palletloc.trajectory import TrajectoryError
 
 LINES = "lines"
 """Name of the method that takes only the heading, from level edges."""
-_MOST_SHOTS, _LINE_SHOTS = 24, 8
+_LINE_SHOTS = 8
 _ASIDE = np.radians([-50.0, 0.0, 50.0])
 _BEAM_REACH = 0.1
 _BESIDE_PALLET = 0.06
 _APART = 0.05
 _NEAR_DEPTH, _FAR_DEPTH = 0.2, 0.6
 _KNOWN_TURN, _ROUGH_TURN = float(np.radians(1.2)), float(np.radians(6.0))
-_LEAST_BASELINE = 0.2
-_LEAST_ACROSS = float(np.radians(15.0))
-_BIASES = np.arange(-0.008, 0.0081, 0.002)
+_BIASES = np.arange(-0.009, 0.0091, 0.001)
+_ROUNDS = 3
 
 
 class Front(StrEnum):
@@ -47,18 +47,6 @@ class Front(StrEnum):
     """The front faces of the uprights."""
     PALLETS = "pallets"
     """The mean of the pallets' fronts, which often hang over."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Skipped:
-    """A method that could not be used."""
-
-    method: str
-    """Its name."""
-    code: str
-    """Why, for programs."""
-    what: str
-    """Why, in one sentence."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,6 +93,7 @@ def survey_shelf(
     recording: Recording,
     prior: ShelfPlane,
     front: Front = Front.UPRIGHTS,
+    tags: TagsOnUprights | None = None,
     on_progress: Callable[[str], None] = lambda _: None,
 ) -> ShelfSurvey:
     """Find the front of a shelf.
@@ -117,6 +106,8 @@ def survey_shelf(
         Roughly the plane, in odom: half a metre and ten degrees.
     front : Front
         Which plane is wanted. Uprights and pallets may be centimetres apart.
+    tags : TagsOnUprights, optional
+        Tags on the uprights, where there are any.
     on_progress : callable
         Is told what is done next.
 
@@ -127,12 +118,8 @@ def survey_shelf(
     """
     shots = usable_shots(recording)
     drive = read_drive(recording.odometry, [recording.shots[i].time for i in shots])
-    sights, _ = see_pallets(recording, shots, prior, on_progress)
-    sights, pallet_of = same_pallets(drive, sights)
     camera = np.asarray(recording.mounting.center[:2], dtype=np.float64)
-    observed = Observed(drive, camera, tuple(sights), pallet_of)
-    bundle = solve(observed)
-    foot = _foot(bundle, camera, prior)
+    observed, bundle, foot = _pallets(recording, shots, drive, prior, on_progress)
     pallets = pallet_line(bundle.pallets, bundle.landmark_covariance()[0], foot)
     skipped: list[Skipped] = []
     edges, line = Edges.none(), None
@@ -148,7 +135,14 @@ def survey_shelf(
     if pallets is None:
         skipped.append(Skipped(PALLETS, "no_pallets", "no pallet is seen in two shots"))
     estimates = [one for one in (None if line is None else line.estimate, pallets) if one is not None]
-    if (rough := fuse(estimates) if estimates else None) is not None:
+    if tags is not None:
+        places = tag_places(recording, shots, bundle.poses, tags, on_progress)
+        tagged = tag_plane(places, foot, tags, estimates[0].distance if estimates else foot.described(prior)[1])
+        estimates += [] if tagged is None else [tagged]
+        if tagged is None:
+            skipped.append(Skipped(TAGS, "no_tags", f"no tag of {tags.dictionary} is seen on the front"))
+    rough = fuse(estimates) if estimates else None
+    if rough is not None and rough.covariance[1, 1] < _BEAM_REACH**2:
         on_progress("looking for beams and level edges")
         search = BeamSearch(
             foot, rough.turn, rough.distance, _BEAM_REACH, _stretches(recording, observed, bundle, foot)
@@ -221,25 +215,31 @@ def _lines(
     return PlaneEstimate(LINES, off, float("nan"), np.diag([1 / heading[1] ** 2, 0.0]), evidence)
 
 
-def usable_shots(recording: Recording) -> list[int]:
-    """Return the indices of shots that odometry reaches and whose images can be read, evenly spread, at most 24."""
-    reached = []
-    for i, shot in enumerate(recording.shots):
-        try:
-            recording.odometry.pose_at(shot.time)
-        except TrajectoryError:
-            continue
-        reached.append(i)
-    spread = np.linspace(0, len(reached) - 1, min(len(reached), _MOST_SHOTS)).round().astype(int)
-    return [reached[i] for i in np.unique(spread) if _readable(recording, reached[i])]
+def _pallets(
+    recording: Recording, shots: list[int], drive: Drive, prior: ShelfPlane, on_progress: Callable[[str], None]
+) -> tuple[Observed, Bundle, Foot]:
+    """Return the drive past the pallets: seen widely first, then once more by the poses that gives."""
+    camera = np.asarray(recording.mounting.center[:2], dtype=np.float64)
+    sights, _ = see_pallets(recording, shots, prior, on_progress)
+    observed = Observed(drive, camera, *_joined(drive, sights))
+    bundle = solve(observed)
+    foot = _foot(bundle, camera, prior)
+    line = pallet_line(bundle.pallets, bundle.landmark_covariance()[0], foot)
+    if line is None:
+        return observed, bundle, foot
+    on_progress("localizing pallets once more")
+    plane = replace(foot.plane(line.turn, line.distance), levels=prior.levels)
+    again = _joined(drive, see_again(recording, shots, bundle.poses, plane))
+    if len(again[0]) < len(observed.pallets) / 2:
+        return observed, bundle, foot
+    observed = Observed(drive, camera, *again)
+    bundle = solve(observed)
+    return observed, bundle, _foot(bundle, camera, prior)
 
 
-def _readable(recording: Recording, index: int) -> bool:
-    try:
-        recording.image(recording.shots[index], gray=True)
-    except ImageError:
-        return False
-    return True
+def _joined(drive: Drive, sights: Sequence[PalletSight]) -> tuple[tuple[PalletSight, ...], NDArray[np.intp]]:
+    kept, owner = same_pallets(drive, sights)
+    return tuple(kept), owner
 
 
 def _foot(bundle: Bundle, camera: FloatArray, prior: ShelfPlane) -> Foot:
@@ -252,22 +252,6 @@ def _foot(bundle: Bundle, camera: FloatArray, prior: ShelfPlane) -> Foot:
     foot = Foot(point, prior.yaw + float(np.median(turned)))
     line = pallet_line(bundle.pallets, bundle.landmark_covariance()[0], foot)
     return foot if line is None else Foot(point, foot.yaw + line.turn)
-
-
-def motion_refusal(drive: Drive, camera: FloatArray, foot: Foot, prior: ShelfPlane) -> Skipped | None:
-    """Return why the way does not allow to triangulate; None where it does."""
-    poses = drive.poses()
-    local = foot.local(compose(poses, np.tile([*camera, 0.0], (len(poses), 1)))[:, :2])
-    along, deep = np.ptp(local, axis=0)
-    distance = abs(foot.described(prior)[1])
-    if len(poses) < 3:
-        return Skipped(UPRIGHTS, "few_shots", f"{len(poses)} shots are too few to triangulate; three are needed")
-    if deep > 0.05 and np.arctan2(along, deep) < _LEAST_ACROSS:
-        return Skipped(UPRIGHTS, "along_the_ray", "the camera moves towards the shelf: what it sees has no parallax")
-    if along < _LEAST_BASELINE * distance:
-        what = f"the camera moves {along:.2f} m along a shelf {distance:.1f} m away; a fifth of that is needed"
-        return Skipped(UPRIGHTS, "short_baseline", what)
-    return None
 
 
 def _uprights(
@@ -285,16 +269,20 @@ def _uprights(
     depth = _NEAR_DEPTH if pallets else _FAR_DEPTH
     if pallets is None:
         poses = _least_blurred(views, observed.drive, rough)
-    edges = find_edges(views, poses, rough, depth)
-    sights = measure_edges(views, poses, edges, rough.yaw)
-    edges, sights = triangulated(views, poses, edges, sights)
-    if not len(edges.vote):
-        return observed, bundle, Edges.none(), None
-    observed = replace(observed, edges=tuple(sights))
-    bundle = solve(observed, edges.places)
-    turn_sigma = _KNOWN_TURN if pallets else _ROUGH_TURN
+    turn_sigma = min(_KNOWN_TURN, 1.5 * pallets.sigma[0]) if pallets else _ROUGH_TURN
+    for _ in range(
+        1 if pallets else _ROUNDS
+    ):  # without pallets the first poses are rough: once more by the solved ones
+        edges = find_edges(views, poses, rough, depth)
+        sights = measure_edges(views, poses, edges, rough.yaw)
+        edges, sights = triangulated(views, poses, edges, sights)
+        if not len(edges.vote):
+            return observed, bundle, Edges.none(), None
+        seen = replace(observed, edges=tuple(sights))
+        bundle = solve(seen, edges.places)
+        poses = bundle.poses
     line = upright_line(edges, bundle.edges, bundle.landmark_covariance()[1], foot, turn_sigma)
-    return observed, bundle, edges, line
+    return seen, bundle, edges, line
 
 
 def _views(

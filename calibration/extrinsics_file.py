@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -108,22 +109,38 @@ def read_extrinsics(folder: Path) -> ExtrinsicsTask:
         camera = camera_from_spec(spec.camera)
     except ValueError as error:
         raise DocumentError(f"{path}: camera: {error}") from error
-    targets = {name: _target(path, name, one) for name, one in spec.targets.items()}
-    _refuse_shared_ids(path, targets)
+    targets = {name: target_from_spec(path, name, one.charuco, one.tag) for name, one in spec.targets.items()}
+    refuse_shared_ids(path, targets)
     surveys = {name: _survey(name, targets[name], one) for name, one in spec.targets.items()}
     return ExtrinsicsTask(folder, camera, spec.camera, spec.shots, targets, surveys)
 
 
-def _target(path: Path, name: str, spec: TargetSpec) -> Target:
+def target_from_spec(path: Path, name: str, charuco: CharucoSpec | None, tag: TagSpec | None) -> Target:
+    """Return what a file says is printed on a target.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for errors.
+    name : str
+        Of the target.
+    charuco, tag : optional
+        One of them.
+
+    Raises
+    ------
+    DocumentError
+        If none or both are given, or such a target cannot exist.
+    """
     where = f"{path}: targets.{name}"
     target: Target
-    match (spec.charuco, spec.tag):
+    match (charuco, tag):
         case (CharucoSpec() as board, None):
             target = CharucoBoard(
                 board.columns, board.rows, board.square_m, board.marker_m, board.dictionary, board.first_id
             )
-        case (None, TagSpec() as tag):
-            target = SingleTag(tag.size_m, tag.dictionary, tag.id)
+        case (None, TagSpec() as single):
+            target = SingleTag(single.size_m, single.dictionary, single.id)
         case _:
             raise DocumentError(f"{where}: expected one of the keys charuco and tag")
     try:
@@ -139,8 +156,21 @@ def _survey(name: str, target: Target, spec: TargetSpec) -> Survey:
     return Survey(name, on_board(patterns(target)[0].outline), points, spec.sigma_m)
 
 
-def _refuse_shared_ids(path: Path, targets: dict[str, Target]) -> None:
-    """Raise an error where two targets have a marker in common."""
+def refuse_shared_ids(path: Path, targets: Mapping[str, Target]) -> None:
+    """Check that every marker belongs to one target.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for errors.
+    targets : mapping of str to Target
+        By name.
+
+    Raises
+    ------
+    DocumentError
+        If two targets have a marker in common.
+    """
     owners: dict[tuple[str, int], str] = {}
     for name, target in targets.items():
         for number in patterns(target)[0].marker_ids:

@@ -11,6 +11,7 @@ from calibration.consensus import Consensus, Reading, agree
 from calibration.degeneracy import layout_fault, unobserved, weakest
 from calibration.extrinsics import Extrinsics, extra_parameter, resolve, solve
 from calibration.findings import Finding, Severity, exit_code
+from calibration.forklift_frame import ForkliftFrame
 from calibration.leave_one_out import LeftOut, leave_each_out, survey_test
 from calibration.network import Network, Poses, Sight, Survey
 from calibration.survey_checks import axis_fault, size_faults
@@ -58,7 +59,7 @@ class Assessment:
         return exit_code(self.findings)
 
 
-def assess(network: Network, camera: CameraModel) -> Assessment:
+def assess(network: Network, camera: CameraModel, frame: ForkliftFrame | None = None) -> Assessment:
     """Calibrate and check.
 
     Parameters
@@ -67,13 +68,15 @@ def assess(network: Network, camera: CameraModel) -> Assessment:
         The observations of the targets that are seen.
     camera : CameraModel
         Of the shots.
+    frame : ForkliftFrame, optional
+        Where the forklift stood in the survey; its errors add to the result's.
 
     Returns
     -------
     Assessment
         Without a solution where the data cannot give one.
     """
-    faults = size_faults(network.surveys)
+    faults = [*(() if frame is None else frame.findings), *size_faults(network.surveys)]
     fault = layout_fault(network.surveys, network.sights)
     if fault is not None or any(one.code == "units" for one in faults):
         return Assessment((*faults, *([fault] if fault else [])))
@@ -96,11 +99,15 @@ def assess(network: Network, camera: CameraModel) -> Assessment:
     fault = layout_fault(*_counted(trusted)) if moved else None
     if fault is not None:
         return Assessment((*findings, fault), consensus)
-    return _assess_solution(trusted, consensus, camera, findings)
+    return _assess_solution(trusted, consensus, camera, frame, findings)
 
 
 def _assess_solution(
-    network: Network, consensus: Consensus, camera: CameraModel, findings: list[Finding]
+    network: Network,
+    consensus: Consensus,
+    camera: CameraModel,
+    frame: ForkliftFrame | None,
+    findings: list[Finding],
 ) -> Assessment:
     try:
         solution = solve(network, consensus.poses)
@@ -122,6 +129,8 @@ def _assess_solution(
         findings.append(lenses)
     else:
         findings += _scale_findings(scale) or _contradictions(solution, left_out, centres)
+    if frame is not None:
+        solution = solution.with_frame_errors(frame.camera_covariance(solution.poses.camera))
     findings += _limits(solution, left_out)
     return Assessment(tuple(findings), consensus, solution, left_out, centres, scale)
 

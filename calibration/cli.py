@@ -33,6 +33,21 @@ def extrinsics(
     _conclude(outcome)
 
 
+@app.command("plan")
+def plan(
+    layout: Annotated[Path, typer.Argument(metavar="LAYOUT", help="A file like extrinsics.yaml, or its folder.")],
+    out: Annotated[
+        Path | None, typer.Option(metavar="HTML", help="File for the report; JSON goes beside it.")
+    ] = None,
+) -> None:
+    """Predict how well planned targets will give the camera's pose, before anything is hung or driven."""
+    from calibration.plan_run import plan_layout
+
+    if out is not None and out.suffix.lower() != ".html":
+        raise PalletLocError(f"--out {out}: expected the name of a .html file")
+    _conclude(plan_layout(layout, out))
+
+
 @app.command("shelf")
 def shelf(
     recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="An approach along the shelf.")],

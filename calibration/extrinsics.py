@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -38,10 +38,17 @@ class Extrinsics:
     survey_factor: float
     """How much larger the survey's errors are than stated."""
 
+    frame_covariance: FloatArray = field(default_factory=lambda: np.zeros((CAMERA, CAMERA)))
+    """(6, 6) what an error of the forklift frame adds to the camera's."""
+
+    def with_frame_errors(self, covariance: FloatArray) -> Extrinsics:
+        """Return the solution with what an independent error of the forklift frame adds, (6, 6)."""
+        return replace(self, frame_covariance=covariance)
+
     @property
     def covariance(self) -> FloatArray:
         """(6, 6) of the camera's translation and rotation, along and about the forklift's axes."""
-        return self.full_covariance[:CAMERA, :CAMERA]
+        return self.full_covariance[:CAMERA, :CAMERA] + self.frame_covariance
 
     @property
     def sigma(self) -> FloatArray:

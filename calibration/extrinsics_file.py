@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -9,10 +10,13 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field
 
+from calibration.forklift_frame import ForkliftFrame
 from calibration.network import Survey
+from calibration.survey_section import SurveySection, SurveySectionSpec, read_survey_section
 from calibration.targets import CharucoBoard, SingleTag, Target, TargetError, patterns
 from calibration.texture_alignment import on_board
 from palletloc.cameras.protocol import CameraModel
+from palletloc.errors import nearest_name
 from palletloc.io.camera_spec import camera_from_spec
 from palletloc.io.reading import InputError
 from palletloc.io.schema import CameraSpec, Triple
@@ -59,8 +63,9 @@ class TargetSpec(Document):
 
     charuco: CharucoSpec | None = None
     tag: TagSpec | None = None
-    corners_m: CornersSpec
-    sigma_m: Positive
+    corners_m: CornersSpec | None = None
+    """Not for a target that the section `survey` names."""
+    sigma_m: Positive | None = None
     """Standard deviation of each surveyed coordinate."""
 
 
@@ -72,6 +77,7 @@ class ExtrinsicsSpec(Document):
     shots: Annotated[tuple[str, ...], Field(min_length=1)]
     """Images, relative to the folder."""
     targets: Annotated[dict[str, TargetSpec], Field(min_length=1)]
+    survey: SurveySectionSpec | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,7 +95,9 @@ class ExtrinsicsTask:
     targets: dict[str, Target]
     """By name."""
     surveys: dict[str, Survey]
-    """By name."""
+    """By name; in the forklift frame."""
+    frame: ForkliftFrame | None = None
+    """Where the forklift stood in the survey; None where the corners were given in its frame."""
 
 
 def read_extrinsics(folder: Path) -> ExtrinsicsTask:
@@ -98,7 +106,7 @@ def read_extrinsics(folder: Path) -> ExtrinsicsTask:
     Raises
     ------
     PalletLocError
-        If the file is missing or wrong; names file, key and what was expected.
+        If the file or its survey is missing or wrong; names file, key and what was expected.
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; expected one with {EXTRINSICS} in it")
@@ -108,22 +116,43 @@ def read_extrinsics(folder: Path) -> ExtrinsicsTask:
         camera = camera_from_spec(spec.camera)
     except ValueError as error:
         raise DocumentError(f"{path}: camera: {error}") from error
-    targets = {name: _target(path, name, one) for name, one in spec.targets.items()}
-    _refuse_shared_ids(path, targets)
-    surveys = {name: _survey(name, targets[name], one) for name, one in spec.targets.items()}
-    return ExtrinsicsTask(folder, camera, spec.camera, spec.shots, targets, surveys)
+    targets = {name: target_from_spec(path, name, one.charuco, one.tag) for name, one in spec.targets.items()}
+    refuse_shared_ids(path, targets)
+    section = None if spec.survey is None else read_survey_section(path, spec.survey)
+    unknown = next((name for name in (section.corners if section else ()) if name not in targets), None)
+    if unknown is not None:
+        raise DocumentError(f"{path}: survey.targets: unknown target '{unknown}'{nearest_name(unknown, targets)}")
+    surveys = {name: _survey(path, name, targets[name], one, section) for name, one in spec.targets.items()}
+    frame = None if section is None else section.frame
+    return ExtrinsicsTask(folder, camera, spec.camera, spec.shots, targets, surveys, frame)
 
 
-def _target(path: Path, name: str, spec: TargetSpec) -> Target:
+def target_from_spec(path: Path, name: str, charuco: CharucoSpec | None, tag: TagSpec | None) -> Target:
+    """Return what a file says is printed on a target.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for errors.
+    name : str
+        Of the target.
+    charuco, tag : optional
+        One of them.
+
+    Raises
+    ------
+    DocumentError
+        If none or both are given, or such a target cannot exist.
+    """
     where = f"{path}: targets.{name}"
     target: Target
-    match (spec.charuco, spec.tag):
+    match (charuco, tag):
         case (CharucoSpec() as board, None):
             target = CharucoBoard(
                 board.columns, board.rows, board.square_m, board.marker_m, board.dictionary, board.first_id
             )
-        case (None, TagSpec() as tag):
-            target = SingleTag(tag.size_m, tag.dictionary, tag.id)
+        case (None, TagSpec() as single):
+            target = SingleTag(single.size_m, single.dictionary, single.id)
         case _:
             raise DocumentError(f"{where}: expected one of the keys charuco and tag")
     try:
@@ -133,14 +162,38 @@ def _target(path: Path, name: str, spec: TargetSpec) -> Target:
     return target
 
 
-def _survey(name: str, target: Target, spec: TargetSpec) -> Survey:
+def _survey(path: Path, name: str, target: Target, spec: TargetSpec, section: SurveySection | None) -> Survey:
+    where = f"{path}: targets.{name}"
+    outline = on_board(patterns(target)[0].outline)
+    if section is not None and name in section.corners:
+        if spec.corners_m is not None or spec.sigma_m is not None:
+            raise DocumentError(
+                f"{where}: expected neither corners_m nor sigma_m, for survey.targets names its points"
+            )
+        return Survey(name, outline, section.corners[name], section.sigma)
+    if spec.corners_m is None or spec.sigma_m is None:
+        key = "corners_m" if spec.corners_m is None else "sigma_m"
+        raise DocumentError(f"{where}.{key}: is missing")
     corners = spec.corners_m
     points = np.array([corners.top_left, corners.top_right, corners.bottom_left])
-    return Survey(name, on_board(patterns(target)[0].outline), points, spec.sigma_m)
+    return Survey(name, outline, points, spec.sigma_m)
 
 
-def _refuse_shared_ids(path: Path, targets: dict[str, Target]) -> None:
-    """Raise an error where two targets have a marker in common."""
+def refuse_shared_ids(path: Path, targets: Mapping[str, Target]) -> None:
+    """Check that every marker belongs to one target.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for errors.
+    targets : mapping of str to Target
+        By name.
+
+    Raises
+    ------
+    DocumentError
+        If two targets have a marker in common.
+    """
     owners: dict[tuple[str, int], str] = {}
     for name, target in targets.items():
         for number in patterns(target)[0].marker_ids:

@@ -12,7 +12,9 @@ from matplotlib.figure import Figure
 
 from calibration.assessment import Assessment
 from calibration.degeneracy import NAMES, weakest
+from calibration.extrinsics import Extrinsics
 from calibration.findings import Finding, Severity
+from calibration.forklift_frame import ForkliftFrame
 from calibration.observations import Observation
 from calibration.report_figures import correlation_figure, left_out_figure, polar_figure, sphere_figure
 from calibration.residuals import CornerResiduals, at_reference, corner_residuals
@@ -36,6 +38,8 @@ class Report:
     """Of the targets that are seen, in the fit's order."""
     unseen: tuple[str, ...]
     """Targets that no shot shows."""
+    frame: ForkliftFrame | None = None
+    """Where the forklift stood in the survey; None where the corners were given in its frame."""
 
     def residuals(self) -> tuple[CornerResiduals, ...]:
         """Return the residuals of all corners; none where there is no solution."""
@@ -53,6 +57,8 @@ def report_data(report: Report) -> dict[str, Any]:
         "targets": [_observation_data(one) for one in report.observations],
         "not_seen": list(report.unseen),
     }
+    if report.frame is not None:
+        data["forklift_frame"] = {"method": report.frame.method, "residual_m": dict(report.frame.residuals or {})}
     solution = assessment.solution
     if solution is None:
         return data
@@ -66,6 +72,7 @@ def report_data(report: Report) -> dict[str, Any]:
         "covariance": solution.covariance.tolist(),
         "covariance_order": list(NAMES),
     }
+    data["frame_covariance"] = solution.frame_covariance.tolist()
     data["weakest_direction"] = {"words": words, "of_limit": worst}
     data["sight_factor"], data["survey_factor"] = solution.sight_factor, solution.survey_factor
     data["survey_scale_error"] = {"value": assessment.scale[0], "sigma": _number(assessment.scale[1])}
@@ -130,6 +137,8 @@ def _parts(report: Report) -> Iterator[str]:
     yield from _result(assessment)
     yield from _findings(assessment.findings)
     yield from _targets(report)
+    if report.frame is not None and report.frame.residuals:
+        yield from _frame(report.frame, assessment.solution)
     if assessment.solution is not None:
         yield from _uncertainty(assessment)
         yield from _left_out(assessment)
@@ -203,6 +212,18 @@ def _residual_cells(one: CornerResiduals) -> list[str]:
     return [
         refused, f"{np.degrees(one.rms):.4f}", f"{one.rms_px:.3f}", f"{at_reference(one.rms):.2f}", f"{largest:.3f}"
     ]  # fmt: skip
+
+
+def _frame(frame: ForkliftFrame, solution: Extrinsics | None) -> Iterator[str]:
+    yield heading("The forklift in the survey")
+    rows = [[name, f"{1000 * off:.2f}"] for name, off in (frame.residuals or {}).items()]
+    yield table((Column("point", is_text=True), Column("off mm")), rows)
+    if solution is not None:
+        sigma = np.sqrt(np.diag(solution.frame_covariance))
+        yield paragraph(
+            f"Found by {frame.method}. Its errors are in the result's: {1000 * sigma[:3].max():.2f} mm and"
+            f" {np.degrees(sigma[3:].max()):.4f}{_DEGREE} at the camera."
+        )
 
 
 def _uncertainty(assessment: Assessment) -> Iterator[str]:

@@ -50,18 +50,25 @@ def calibrate_extrinsics(folder: Path, out: Path, on_progress: Callable[[str], N
         If a file is missing or wrong, a target is there twice, or a file cannot be written.
     """
     task = read_extrinsics(folder)
+    if task.frame is not None and task.frame.pose is None:
+        report = Report(Assessment(task.frame.findings), (), (), (), task.frame)
+        return Outcome(report.assessment.exit_code, (), _write(out, task, report), _reasons(report.assessment))
     observations = _observe(task, on_progress)
     names = tuple(name for name in task.targets if any(one.target == name for one in observations))
     on_progress("fitting")
-    assessment = assess(observed_network(task, observations, names), task.camera)
+    assessment = assess(observed_network(task, observations, names), task.camera, task.frame)
     unseen = tuple(name for name in task.targets if name not in names)
-    report = Report(assessment, tuple(observations), names, unseen)
+    report = Report(assessment, tuple(observations), names, unseen, task.frame)
     on_progress("writing the report")
     files = _write(out, task, report)
-    reasons = [f"{f.severity}: {f.code}: {f.what}; {f.how}" for f in assessment.findings]
+    reasons = list(_reasons(assessment))
     if names:  # where none is seen, one reason says so
         reasons += [f"{Severity.WARNING}: not_seen: target {name} is in no shot" for name in unseen]
     return Outcome(assessment.exit_code, tuple(_summary(report)), files, tuple(reasons))
+
+
+def _reasons(assessment: Assessment) -> tuple[str, ...]:
+    return tuple(f"{f.severity}: {f.code}: {f.what}; {f.how}" for f in assessment.findings)
 
 
 def _observe(task: ExtrinsicsTask, on_progress: Callable[[str], None]) -> list[Observation]:

@@ -125,7 +125,7 @@ def read_survey_plan(path: Path) -> SurveyPlan:
     _check_bodies(path, spec.bodies)
     bodies = {body: {name: np.array(place) for name, place in some.items()} for body, some in spec.bodies.items()}
     stops = tuple(Stop(stop.name, stop.time_s) for stop in spec.stops)
-    prism = _prism_use(spec.prism) if spec.prism else None
+    prism = prism_use(spec.prism) if spec.prism else None
     known = None if spec.known is None else {name: np.array(place) for name, place in spec.known.items()}
     return SurveyPlan(path, path.parent / spec.file, spec.sigma_m, stops, bodies, spec.level, prism, known)
 
@@ -145,6 +145,7 @@ def _check_bodies(path: Path, bodies: Mapping[str, Mapping[str, object]]) -> Non
             owner[target] = body
 
 
-def _prism_use(spec: PrismSpec) -> PrismUse:
+def prism_use(spec: PrismSpec) -> PrismUse:
+    """Return how distances are corrected, from what a file says."""
     setting = None if spec.set_mm is None else PrismConstant(spec.set_mm / 1000, spec.set_convention)
     return PrismUse(PrismConstant(spec.constant_mm / 1000, spec.convention), setting, spec.set_convention)

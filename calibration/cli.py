@@ -19,17 +19,30 @@ app = typer.Typer(
 
 @app.command("extrinsics")
 def extrinsics(
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="With extrinsics.yaml and its shots.")],
     out: Annotated[Path, typer.Option(metavar="YAML", help="File for camera and mounting; reports go beside it.")],
+    folder: Annotated[
+        Path | None, typer.Argument(metavar="[FOLDER]", help="With extrinsics.yaml and its shots.")
+    ] = None,
+    motion: Annotated[
+        Path | None,
+        typer.Option(metavar="RECORDING", help="Instead of FOLDER: a drive past targets, with targets.yaml."),
+    ] = None,
 ) -> None:
-    """Find the camera's pose on the forklift from surveyed targets."""
-    from calibration.run import calibrate_extrinsics  # numpy, cv2 and matplotlib take a second
+    """Find the camera's pose on the forklift from surveyed targets; or check it by a drive past targets."""
+    from calibration.motion_run import calibrate_motion  # numpy, cv2 and matplotlib take a second
+    from calibration.run import calibrate_extrinsics
 
     if out.suffix.lower() not in (".yaml", ".yml"):
         raise PalletLocError(f"--out {out}: expected the name of a .yaml file")
     progress = Console(stderr=True)
     with progress.status("reading") as status:
-        outcome = calibrate_extrinsics(folder, out, status.update if progress.is_terminal else lambda _: None)
+        told = status.update if progress.is_terminal else lambda _: None
+        if folder is not None and motion is None:
+            outcome = calibrate_extrinsics(folder, out, told)
+        elif motion is not None and folder is None:
+            outcome = calibrate_motion(motion, out, told)
+        else:
+            raise typer.BadParameter("expected one of FOLDER and --motion RECORDING")
     _conclude(outcome)
 
 

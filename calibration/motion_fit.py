@@ -77,8 +77,10 @@ def fit_motion(network: MotionNetwork, start: MotionState) -> MotionFit:
     camera = covariance[:CAMERA, :CAMERA]
     huge = LIMITS[:, None] * kernel * _OPEN
     faults = np.sqrt(np.diag(covariance)[CAMERA : CAMERA + 3])
-    # Where lost directions are held at wrong values, the others follow in second order.
-    camera = camera + huge @ huge.T + np.diag(_SECOND_ORDER**2)
+    camera = camera + huge @ huge.T
+    if kernel.shape[1] > 1:
+        # A turn that is held at a wrong value bends the others in second order; a height does not.
+        camera = camera + np.diag(_SECOND_ORDER**2)
     return MotionFit(network, state, camera, faults, kernel)
 
 

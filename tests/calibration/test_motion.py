@@ -92,7 +92,7 @@ def test_what_commutes_with_all_motions_is_lost(forklift_from_camera: RigidTrans
     assert np.linalg.norm(kernel.T @ up) == pytest.approx(1.0, abs=1e-6)
 
 
-@pytest.mark.parametrize("count", [4, pytest.param(40, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [4, pytest.param(30, marks=pytest.mark.slow)])
 def test_known_directions_are_consistent_over_many_drives(forklift_from_camera: RigidTransform, count: int) -> None:
     squares, freedom = [], 0
     for seed in range(count):
@@ -104,7 +104,7 @@ def test_known_directions_are_consistent_over_many_drives(forklift_from_camera: 
         covariance = known.T @ (told.fit.covariance / np.outer(LIMITS, LIMITS)) @ known
         squares.append(float(off @ np.linalg.solve(covariance, off)))
         freedom += known.shape[1]
-    assert chi2.ppf(0.002, freedom) * 0.5 < sum(squares) < chi2.ppf(0.998, freedom)
+    assert chi2.ppf(0.002, freedom) < sum(squares) < chi2.ppf(0.998, freedom)
 
 
 def test_a_known_height_gives_all_six(forklift_from_camera: RigidTransform) -> None:

@@ -12,9 +12,7 @@ from rich.text import Text
 from calibration.outcome import Outcome
 from palletloc.errors import PalletLocError
 
-app = typer.Typer(
-    no_args_is_help=True, help="Calibrate the camera's mounting, its lenses and the shelf plane; make targets."
-)
+app = typer.Typer(no_args_is_help=True, help="Calibrate the camera's mounting, lenses and shelf plane; make targets.")
 
 
 @app.command("extrinsics")
@@ -29,7 +27,7 @@ def extrinsics(
     ] = None,
 ) -> None:
     """Find the camera's pose on the forklift from surveyed targets; or check it by a drive past targets."""
-    from calibration.motion_run import calibrate_motion  # numpy, cv2 and matplotlib take a second
+    from calibration.motion.run import calibrate_motion  # numpy, cv2 and matplotlib take a second
     from calibration.run import calibrate_extrinsics
 
     if out.suffix.lower() not in (".yaml", ".yml"):
@@ -54,7 +52,7 @@ def plan(
     ] = None,
 ) -> None:
     """Predict how well planned targets will give the camera's pose, before anything is hung or driven."""
-    from calibration.plan_run import plan_layout
+    from calibration.plan.run import plan_layout
 
     if out is not None and out.suffix.lower() != ".html":
         raise PalletLocError(f"--out {out}: expected the name of a .html file")
@@ -77,9 +75,9 @@ def shelf(
     tag_offset: Annotated[float, typer.Option(help="How far their faces lie before the front, in metres.")] = 0.0,
 ) -> None:
     """Find the front plane of a shelf from a recording; by default around the plane that it states."""
-    from calibration.shelf_run import calibrate_shelf
-    from calibration.shelf_survey import Front
-    from calibration.upright_tags import TagsOnUprights
+    from calibration.shelf.run import calibrate_shelf
+    from calibration.shelf.survey import Front
+    from calibration.shelf.upright_tags import TagsOnUprights
 
     if front not in [one.value for one in Front]:
         raise typer.BadParameter(f"--front {front}: expected uprights or pallets")
@@ -106,7 +104,7 @@ def check(
     ] = 0.15,
 ) -> None:
     """Check whether the camera still sits on the forklift as a recording says."""
-    from calibration.check_run import calibrate_check
+    from calibration.check.run import calibrate_check
 
     if out is not None and out.suffix.lower() != ".html":
         raise PalletLocError(f"--out {out}: expected the name of a .html file")

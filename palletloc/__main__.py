@@ -9,7 +9,7 @@ _DEMO = Command("demo", "tracking.demo:demo", "Localize, track and evaluate the 
 _TRACK = Command("track", "tracking.cli:track", "Follow the pallets of a recording from shot to shot.")
 _CONFIG = Command("config", "tracking.cli:config", "Print every parameter with its default.")
 _CALIBRATE = Command(
-    "calibrate", "calibration.cli:app", "Calibrate the camera's mounting, its lenses and the shelf plane; make targets."
+    "calibrate", "calibration.cli:app", "Calibrate the camera's mounting, lenses and shelf plane; make targets."
 )
 
 

@@ -1,0 +1,1 @@
+"""Whether the camera still sits on the forklift as is stated."""

@@ -1,0 +1,110 @@
+"""The verdict on a mounting: whether the camera still sits as the recording says."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.check.mounting import MountingCheck
+from calibration.findings import Finding, Severity, exit_code
+from calibration.shelf.plane import CHANCE
+from palletloc.io.camera_spec import angles_from_transform
+
+_SURE = 2.0
+_OPEN_DEG = 0.3
+_YAW_TOLERANCE_DEG, _YAW_SURE = 0.5, 3.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CheckAssessment:
+    """A check with its verdict."""
+
+    check: MountingCheck
+    """What was found."""
+    tolerance: float
+    """How far the camera may be turned about x or y, in radians."""
+    findings: tuple[Finding, ...]
+    """What there is to say."""
+
+    @property
+    def exit_code(self) -> int:
+        """0 pass, 1 fail, 3 degenerate."""
+        return exit_code(self.findings)
+
+
+def assess_check(check: MountingCheck, tolerance: float) -> CheckAssessment:
+    """Judge a check.
+
+    Parameters
+    ----------
+    check : MountingCheck
+        What was found.
+    tolerance : float
+        How far the camera may be turned about x or y, in radians.
+    """
+    return CheckAssessment(check, tolerance, tuple(_findings(check, tolerance)))
+
+
+def _findings(check: MountingCheck, tolerance: float) -> Iterator[Finding]:
+    if check.turn is None:
+        yield Finding(
+            Severity.DEGENERATE,
+            "no_verticals",
+            "too few upright edges are seen",
+            "record where uprights, walls or doors are in view, with enough light",
+        )
+        return
+    sigma = np.degrees(check.sigma)
+    if sigma.max() > _OPEN_DEG:
+        axis = ("roll", "pitch")[int(sigma.argmax())]
+        yield Finding(
+            Severity.DEGENERATE,
+            "one_axis_open",
+            f"{axis} is known to {sigma.max():.2f} degrees only: all upright edges are in one direction",
+            "record where uprights are in view on more than one side",
+        )
+    yield from _drift(check, tolerance)
+    if check.chance < CHANCE:
+        first, second = (one.method for one in check.tilts[:2])
+        yield Finding(
+            Severity.FAIL,
+            "methods_disagree",
+            f"{first} and {second} contradict each other; chance leaves that to {check.chance:.1g} of cases",
+            "check that the uprights are plumb, the beams level and the floor even",
+        )
+    yield from _yaw(check)
+
+
+def _drift(check: MountingCheck, tolerance: float) -> Iterator[Finding]:
+    if check.turn is None:
+        return
+    for name, turn, sigma in zip(("roll", "pitch"), check.turn, check.sigma, strict=True):
+        if abs(turn) > tolerance and abs(turn) > _SURE * sigma:
+            _, angles = angles_from_transform(check.corrected())
+            yield Finding(
+                Severity.FAIL,
+                f"{name}_drift",
+                f"the camera is turned by {np.degrees(turn):+.3f} degrees of {name} (sigma {np.degrees(sigma):.3f})",
+                f"calibrate the mounting; until then roll, pitch {angles[0]:.3f}, {angles[1]:.3f} degrees fit better",
+            )
+
+
+def _yaw(check: MountingCheck) -> Iterator[Finding]:
+    if check.yaw is None:
+        yield Finding(
+            Severity.NOTE,
+            "yaw_unknown",
+            "nothing tells whether the camera's yaw has changed",
+            "drive along a shelf with pallets or uprights",
+        )
+        return
+    yaw, sigma = check.yaw
+    if abs(np.degrees(yaw)) > _YAW_TOLERANCE_DEG and abs(yaw) > _YAW_SURE * sigma:
+        yield Finding(
+            Severity.FAIL,
+            "yaw_drift",
+            f"the camera is turned by {np.degrees(yaw):+.2f} degrees of yaw (sigma {np.degrees(sigma):.2f})",
+            "calibrate the mounting",
+        )

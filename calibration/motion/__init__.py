@@ -1,0 +1,1 @@
+"""What a drive past targets tells of the mounting."""

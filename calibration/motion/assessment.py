@@ -1,0 +1,128 @@
+"""What a drive past targets tells about the stated mounting, and what it cannot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from calibration.assessment import MAX_POSITION_SIGMA, MAX_ROTATION_SIGMA
+from calibration.degeneracy import LIMITS, in_words
+from calibration.findings import Finding, Severity, exit_code
+from calibration.motion.fit import MotionFit, fit_motion
+from calibration.motion.network import MotionNetwork
+from calibration.motion.start import start_motion
+from palletloc.geometry import FloatArray
+
+LEAST_SHOTS = 5
+"""With fewer shots that show a target nothing is fitted."""
+_CHANCE, _SIGMAS, _SLIP = 0.001, 4.0, 6.0
+_DELAY, _SCALE = 0.01, 0.005
+_KINDS = {4: "a straight drive", 2: "a drive on one arc, or a turn on the spot", 1: "a drive on the floor"}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MotionAssessment:
+    """A drive with all that there is to say."""
+
+    findings: tuple[Finding, ...]
+    """In the order in which they were made."""
+    fit: MotionFit | None = None
+    """The numbers; None where there are too few."""
+    away: FloatArray | None = None
+    """(6,) found minus stated mounting, along and about the forklift's axes, in metres and radians."""
+
+    @property
+    def exit_code(self) -> int:
+        """0 where all six numbers are known and agree, 1 where they disagree, 3 where some cannot be told."""
+        return exit_code(self.findings)
+
+
+def assess_motion(network: MotionNetwork, stated_sigma: FloatArray) -> MotionAssessment:
+    """Fit and judge.
+
+    Parameters
+    ----------
+    network : MotionNetwork
+        The observations, of one target at least.
+    stated_sigma : (6,) array
+        Standard deviations of the stated mounting, in metres and radians.
+    """
+    how = f"drive so that {LEAST_SHOTS} shots and more show a target, from 1 to 4 m"
+    if len(set(network.shot_of)) < LEAST_SHOTS:
+        what = f"only {len(set(network.shot_of))} shots show a target, expected at least {LEAST_SHOTS}"
+        return MotionAssessment((Finding(Severity.DEGENERATE, "few_sights", what, how),))
+    start = start_motion(network)
+    if start is None:
+        what = "a target has a pose in no shot: too few of its corners are seen"
+        return MotionAssessment((Finding(Severity.DEGENERATE, "no_pose", what, how),))
+    fit = fit_motion(*start)
+    moved = fit.state.camera.translation - network.stated.translation
+    turned = (fit.state.camera.rotation * network.stated.rotation.inv()).as_rotvec()
+    away = np.concatenate([moved, turned])
+    findings = [*_lost(fit), *_difference(fit, away, stated_sigma), *_faults(fit)]
+    return MotionAssessment(tuple(findings), fit, away)
+
+
+def _lost(fit: MotionFit) -> list[Finding]:
+    lost = fit.split()[1]
+    if not lost.shape[1]:
+        sigma = fit.sigma
+        if sigma[:3].max() <= MAX_POSITION_SIGMA and sigma[3:].max() <= MAX_ROTATION_SIGMA:
+            return []
+        what = (
+            f"the pose is known to {1000 * sigma[:3].max():.0f} mm and {np.degrees(sigma[3:].max()):.2f} degrees only"
+        )
+        how = "use it as a check; surveyed targets give millimetres"
+        return [Finding(Severity.FAIL, "too_uncertain", what, how)]
+    words = "; ".join(in_words(lost[:, i]) for i in range(lost.shape[1]))
+    kind = _KINDS.get(fit.kernel.shape[1], "this drive")
+    what = f"{kind} does not tell {lost.shape[1]} of 6 directions: {words}"
+    how = "use surveyed targets for these"
+    if lost.shape[1] > 1:
+        how = "drive bends to both sides, 30 degrees and more each, with the target in sight; or use surveyed targets"
+    elif fit.kernel.shape[1] == 1:
+        how = "state height_m of a target in targets.yaml, or measure the camera's height"
+    return [Finding(Severity.DEGENERATE, "motion_lost", what, how)]
+
+
+def _difference(fit: MotionFit, away: FloatArray, stated_sigma: FloatArray) -> list[Finding]:
+    """Return whether the known directions contradict the stated mounting."""
+    known, _ = fit.split()
+    if not known.shape[1]:
+        return []
+    scale = np.outer(LIMITS, LIMITS)
+    covariance = known.T @ ((fit.covariance + np.diag(stated_sigma**2)) / scale) @ known
+    off = known.T @ (away / LIMITS)
+    distance = float(off @ np.linalg.solve(covariance, off))
+    if chi2.sf(distance, len(off)) > _CHANCE:
+        return []
+    place, turn = np.linalg.norm(known @ off * LIMITS * ([1] * 3 + [0] * 3)), known @ off * LIMITS
+    what = (
+        f"the stated mounting is off by {1000 * place:.0f} mm and {np.degrees(np.linalg.norm(turn[3:])):.2f} degrees"
+        f" in what the drive tells, {np.sqrt(distance):.0f} standard deviations"
+    )
+    return [Finding(Severity.FAIL, "mounting_differs", what, "calibrate the mounting again with surveyed targets")]
+
+
+def _faults(fit: MotionFit) -> list[Finding]:
+    findings, state = [], fit.state
+    scale, _, delay = fit.fault_sigma
+    if abs(state.delay) > max(_SIGMAS * delay, _DELAY):
+        what = f"the odometry's clock is {1000 * state.delay:+.0f} ms ahead of the camera's, +- {1000 * delay:.0f} ms"
+        findings.append(Finding(Severity.WARNING, "time_offset", what, "correct time_s in shots.csv by it"))
+    if abs(state.scale - 1) > max(_SIGMAS * scale, _SCALE):
+        what = f"true distances are {state.scale:.4f} +- {scale:.4f} times the odometry's"
+        findings.append(Finding(Severity.WARNING, "wheel_scale", what, "correct the wheels' radius by it"))
+    slips = np.abs(fit.network.slips(state)).max(1) * fit.network.drive_scale
+    worst = int(np.argmax(slips))
+    if slips[worst] > _SLIP:
+        what = (
+            f"the odometry jumps by {slips[worst]:.0f} sigma before the shot at {fit.network.times[worst + 1]:.2f} s"
+        )
+        findings.append(Finding(Severity.WARNING, "slip", what, "drive slower, on a dry floor"))
+    if fit.network.drive_scale > 2:
+        what = f"the odometry's errors are {fit.network.drive_scale:.1f} times as large as assumed"
+        findings.append(Finding(Severity.WARNING, "odometry_sigma", what, "state odometry_sigma in targets.yaml"))
+    return findings

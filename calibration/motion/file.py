@@ -1,0 +1,84 @@
+"""The file targets.yaml of a recording: targets that hang beside the way; where they hang need not be known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from calibration.drive import DriveNoise
+from calibration.extrinsics_file import CharucoSpec, Positive, TagSpec, refuse_shared_ids, target_from_spec
+from calibration.motion.network import Height
+from calibration.targets import Target
+from palletloc.io.schema import Number
+from palletloc.io.yaml_document import Document, DocumentError, read_document
+
+TARGETS = "targets.yaml"
+"""Name of the file in the recording's folder."""
+_HEIGHT_SIGMA = 0.003
+
+
+class MotionTargetSpec(Document):
+    """One target: `charuco` or `tag`, and how high it hangs."""
+
+    charuco: CharucoSpec | None = None
+    tag: TagSpec | None = None
+    height_m: Number | None = None
+    """Of the upper left corner of its pattern above the floor."""
+    height_sigma_m: Positive | None = None
+
+
+class OdometrySpec(Document):
+    """Random errors of the odometry after one second; they grow with the root of the time."""
+
+    position_m: Positive
+    heading_deg: Positive
+
+
+class MotionTargetsSpec(Document):
+    """The file."""
+
+    format: Literal[1]
+    targets: Annotated[dict[str, MotionTargetSpec], Field(min_length=1)]
+    odometry_sigma: OdometrySpec | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MotionTargets:
+    """What the file says."""
+
+    targets: dict[str, Target]
+    """By name."""
+    heights: dict[str, Height]
+    """Of those whose height is known."""
+    noise: DriveNoise
+    """How far the odometry may be off."""
+
+
+def read_motion_targets(folder: Path) -> MotionTargets:
+    """Read the file targets.yaml of a recording.
+
+    Raises
+    ------
+    PalletLocError
+        If it is missing or wrong; names file, key and what was expected.
+    """
+    path = folder / TARGETS
+    spec = read_document(path, MotionTargetsSpec)
+    targets = {name: target_from_spec(path, name, one.charuco, one.tag) for name, one in spec.targets.items()}
+    refuse_shared_ids(path, targets)
+    for name, one in spec.targets.items():
+        if one.height_sigma_m is not None and one.height_m is None:
+            raise DocumentError(f"{path}: targets.{name}: height_sigma_m goes with height_m")
+    heights = {
+        name: Height(one.height_m, one.height_sigma_m or _HEIGHT_SIGMA)
+        for name, one in spec.targets.items()
+        if one.height_m is not None
+    }
+    noise, given = DriveNoise(), spec.odometry_sigma
+    if given is not None:
+        noise = DriveNoise(position=given.position_m, heading=float(np.radians(given.heading_deg)))
+    return MotionTargets(targets, heights, noise)

@@ -1,0 +1,1 @@
+"""What planned targets will give, before anyone drives."""

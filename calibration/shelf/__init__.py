@@ -1,0 +1,1 @@
+"""Where the shelf's front is, from a drive past it."""

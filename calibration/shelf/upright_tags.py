@@ -1,0 +1,125 @@
+"""Tags glued to the uprights: the surest way to the front, where there are any."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.bearing_dlt import pose_from_bearings
+from calibration.board_detection import SCALES, detect_markers
+from calibration.drive import compose
+from calibration.observations import observe
+from calibration.shelf.plane import Foot, PlaneEstimate
+from calibration.targets import SingleTag
+from calibration.texture_alignment import on_board
+from palletloc.geometry import FloatArray
+from palletloc.io.recording import Recording
+
+TAGS = "tags"
+"""Name of the method."""
+_GLUED, _TURN_SIGMA = 0.002, float(np.radians(6.0))
+_NEAR = 0.6
+_ROUNDS = 8
+
+
+@dataclass(frozen=True, slots=True)
+class TagsOnUprights:
+    """Which tags to look for; each number once."""
+
+    dictionary: str
+    """As OpenCV names it."""
+    size: float
+    """Side of the black square, in metres."""
+    offset: float = 0.0
+    """How far the tags' faces lie before the front plane, in metres."""
+
+
+def tag_places(
+    recording: Recording,
+    shots: Sequence[int],
+    poses: FloatArray,
+    tags: TagsOnUprights,
+    on_progress: Callable[[str], None] = lambda _: None,
+) -> dict[int, FloatArray]:
+    """Return where each tag is seen in each shot.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording.
+    shots : sequence of int
+        Which of its shots to use.
+    poses : (n, 3) array
+        ``odom_from_forklift`` at these.
+    tags : TagsOnUprights
+        Which tags.
+    on_progress : callable
+        Is told what is done next.
+
+    Returns
+    -------
+    dict of int to (k, 2) array
+        For each tag's number its middle in odom, in metres.
+
+    Raises
+    ------
+    PalletLocError
+        If the dictionary is unknown, or a number is there twice.
+    """
+    places: dict[int, list[FloatArray]] = {}
+    for index, pose in zip(shots, poses, strict=True):
+        shot = recording.shots[index]
+        image = recording.image(shot, gray=True)
+        seen = {marker.id for marker in detect_markers(recording.camera, image, tags.dictionary, SCALES[0])}
+        targets = {str(number): SingleTag(tags.size, tags.dictionary, number) for number in sorted(seen)}
+        for one in observe(recording.camera, image, shot.file, targets, on_progress) if targets else ():
+            camera_from_tag = pose_from_bearings(on_board(one.corners.points), one.corners.bearings)
+            if camera_from_tag is not None:
+                middle = on_board(one.corners.points).mean(axis=0)
+                x, y, _ = recording.forklift_from_camera.apply(camera_from_tag.apply(middle))
+                places.setdefault(int(one.target), []).append(compose(pose, np.array([x, y, 0.0]))[:2])
+    return {number: np.array(found) for number, found in places.items()}
+
+
+def tag_plane(
+    places: dict[int, FloatArray], foot: Foot, tags: TagsOnUprights, distance: float | None = None
+) -> PlaneEstimate | None:
+    """Return the front plane behind tags.
+
+    Parameters
+    ----------
+    places : dict of int to (k, 2) array
+        From `tag_places`.
+    foot : Foot
+        What the plane is described from; its heading is trusted to six degrees.
+    tags : TagsOnUprights
+        Says how far before the front they are.
+    distance : float, optional
+        About how far the front is: tags that are elsewhere do not belong to it.
+
+    Returns
+    -------
+    PlaneEstimate or None
+        None where no tag is on the front.
+    """
+    middles = np.array([np.median(found, axis=0) for found in places.values()]).reshape(-1, 2)
+    right, depth = foot.local(middles).T
+    spread = np.array([np.ptp(found @ [np.cos(foot.yaw), np.sin(foot.yaw)]) for found in places.values()])
+    near = np.ones(len(right), bool) if distance is None else np.abs(depth - distance) < _NEAR
+    if not near.any():
+        return None
+    right, depth, sigma = right[near], depth[near], np.hypot(_GLUED, spread[near] / 2)
+    turn, along = 0.0, float(np.median(depth))
+    prior = np.diag([1 / _TURN_SIGMA**2, 0.0])
+    information = prior
+    for _ in range(_ROUNDS):
+        off = np.cos(turn) * depth - np.sin(turn) * right + tags.offset - along
+        design = np.stack([-np.cos(turn) * right - np.sin(turn) * depth, -np.ones(len(right))], axis=1)
+        weight = 1 / sigma**2 / np.maximum(np.abs(off) / sigma / 2, 1.0)  # Huber's
+        information = (design * weight[:, None]).T @ design + prior
+        step = np.linalg.solve(information, -design.T @ (weight * off) - prior @ np.array([turn, along]))
+        turn, along = turn + float(step[0]), along + float(step[1])
+    evidence = f"{len(right)} tag{'s' * (len(right) > 1)}"
+    return PlaneEstimate(TAGS, turn, along, np.asarray(information), evidence)

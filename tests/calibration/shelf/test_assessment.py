@@ -1,0 +1,121 @@
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibration.drive import Drive
+from calibration.findings import DEGENERATE, FAIL, PASS
+from calibration.shelf.assessment import assess_shelf
+from calibration.shelf.bundle import Bundle, Observed
+from calibration.shelf.front_line import PALLETS, UPRIGHTS
+from calibration.shelf.plane import Foot, PlaneEstimate, fuse
+from calibration.shelf.report import shelf_data, shelf_page
+from calibration.shelf.shots import Skipped, motion_refusal
+from calibration.shelf.survey import Front, ShelfSurvey
+from calibration.shelf.upright_edges import Edges
+from palletloc.geometry import FloatArray, LevelPose
+from palletloc.io.recording import read_recording
+from palletloc.shelf import ShelfPlane
+
+SAMPLE = Path(__file__).resolve().parents[3] / "palletloc" / "sample"
+FOOT = Foot(np.array([1.0, 0.0]), np.pi / 2)
+CAMERA = np.array([0.2, 0.0])
+PRIOR = ShelfPlane(0.0, 1.9, -np.pi / 2, (0.0,))
+
+
+def said(
+    method: str, turn_deg: float, distance: float, sigma_deg: float = 0.1, sigma: float = 0.005
+) -> PlaneEstimate:
+    information = np.diag([1 / np.radians(sigma_deg) ** 2, 1 / sigma**2])
+    return PlaneEstimate(method, float(np.radians(turn_deg)), distance, information, "seen")
+
+
+def way(ends: tuple[float, float], count: int = 5) -> Drive:
+    """Return a straight way from the origin to a place, heading along x."""
+    steps = np.tile([ends[0] / count, ends[1] / count, 0.0], (count, 1))
+    return Drive(LevelPose(0.0, 0.0, 0.0, 0.0), steps, np.ones(count))
+
+
+def survey(*estimates: PlaneEstimate, skipped: tuple[Skipped, ...] = (), scale: float = 1.0) -> ShelfSurvey:
+    drive = way((2.0, 0.0))
+    none: FloatArray = np.zeros((0, 3))
+    bundle = Bundle(scale, 0.0, 0.0, drive.poses(), none, np.zeros((0, 2)), np.eye(18), none, np.zeros(0))
+    return ShelfSurvey(
+        read_recording(SAMPLE), tuple(range(5)), PRIOR, Front.UPRIGHTS, FOOT, Observed(drive, CAMERA), bundle, (),
+        Edges.none(), np.zeros(0), estimates, skipped, fuse(estimates) if estimates else None,
+    )  # fmt: skip
+
+
+def codes(found: ShelfSurvey) -> tuple[int, set[str]]:
+    assessment = assess_shelf(found)
+    return assessment.exit_code, {one.code for one in assessment.findings}
+
+
+def test_methods_that_agree_pass() -> None:
+    assert codes(survey(said(UPRIGHTS, 0.3, 1.91), said(PALLETS, 0.2, 1.92, 0.5, 0.05))) == (PASS, set())
+
+
+@pytest.mark.parametrize(
+    ("estimates", "code"),
+    [
+        ((said(UPRIGHTS, 0.0, 1.9), said("tags", 0.0, 1.95)), "methods_disagree"),
+        ((said(UPRIGHTS, 0.0, 3.2),), "far_from_prior"),
+        ((said(UPRIGHTS, 16.0, 1.9),), "far_from_prior"),
+        ((said(UPRIGHTS, 0.0, 1.9, sigma=0.2),), "too_uncertain"),
+        ((said(UPRIGHTS, 0.0, 1.9, sigma_deg=2.0),), "too_uncertain"),
+    ],
+)
+def test_each_fault_fails_under_its_own_name(estimates: tuple[PlaneEstimate, ...], code: str) -> None:
+    assert codes(survey(*estimates)) == (FAIL, {code})
+
+
+def test_the_two_that_disagree_are_named() -> None:
+    found = assess_shelf(
+        survey(said(UPRIGHTS, 0.0, 1.9), said("tags", 0.0, 1.95), said(PALLETS, 0.0, 1.9, 1.0, 0.05))
+    )
+    (fault,) = found.findings
+    assert "uprights" in fault.what
+    assert "tags" in fault.what
+    assert "+50 mm" in fault.what
+
+
+def test_restrictions_are_told_and_pass() -> None:
+    missing = Skipped(UPRIGHTS, "no_uprights", "no two tall vertical edges line up")
+    alone = survey(said(PALLETS, 0.0, 1.9, 0.5, 0.05), skipped=(missing,), scale=1.05)
+    assert codes(alone) == (PASS, {"pallets_only", "no_uprights", "uncertain", "odometry_scale"})
+
+
+def test_nothing_seen_is_degenerate_and_says_why() -> None:
+    missing = Skipped(UPRIGHTS, "short_baseline", "the camera moves 0.1 m"), Skipped(PALLETS, "no_pallets", "none")
+    found = assess_shelf(survey(skipped=missing))
+    assert (found.exit_code, found.findings[0].code) == (DEGENERATE, "short_baseline")
+    assert "0.1 m" in found.findings[0].what
+    assert shelf_data(found)["exit_code"] == DEGENERATE
+    assert "cannot give the plane" in shelf_page(found)
+
+
+@pytest.mark.parametrize(
+    ("ends", "count", "code"),
+    [
+        ((2.0, 0.0), 5, None),
+        ((2.0, 0.3), 5, None),
+        ((0.3, 0.0), 5, "short_baseline"),
+        ((0.0, 0.0), 5, "short_baseline"),
+        ((0.05, 1.2), 5, "along_the_ray"),
+        ((2.0, 0.0), 2, "few_shots"),
+    ],
+)
+def test_ways_that_cannot_triangulate_are_named(ends: tuple[float, float], count: int, code: str | None) -> None:
+    refusal = motion_refusal(way(ends, count), CAMERA, FOOT, PRIOR)
+    assert (None if refusal is None else refusal.code) == code
+
+
+def test_the_report_holds_every_method_and_no_other_file() -> None:
+    found = assess_shelf(survey(said(UPRIGHTS, 0.3, 1.91), replace(said("lines", 0.1, 1.0), distance=float("nan"),
+                                information=np.diag([1e5, 0.0]))))  # fmt: skip
+    data, page = shelf_data(found), shelf_page(found)
+    assert [one["method"] for one in data["methods"]] == [UPRIGHTS, "lines"]
+    assert data["methods"][1]["distance_m"] is None
+    assert 'src="data:' in page
+    assert "http://" not in page.replace("http://www.w3.org", "")

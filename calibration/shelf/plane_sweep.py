@@ -1,4 +1,4 @@
-"""A plane moved through its neighbourhood: at which distance do shots from several places see the same on it?"""
+"""A plane moved through its neighbourhood: at which distances shots from several places see the same on it."""
 
 from __future__ import annotations
 
@@ -20,15 +20,17 @@ SWEEP = "sweep"
 """Name of the method."""
 REACH = 0.15
 """How far before and behind the known plane is looked, in metres: the wall behind a shelf is farther."""
+SIGMA = 0.05
+"""How far the surface with most texture may be from the uprights' front, in metres; one standard deviation."""
 _STEP = 0.01
 _RESOLUTION, _WINDOW = 0.005, 15
 _ASIDE, _HEIGHTS = 1.0, (0.1, 2.3)
 _WANTED, _LEAST, _MOST = 0.3, 0.12, 0.6
-_MOST_GROUPS = 5
+_MOST_GROUPS = 8
 _ALIKE = 0.9
 _TEXTURE, _ACROSS = 0.03, 0.5
 _LEAST_WINDOWS = 200
-_LEAST_SCORE, _ABOVE_MIDDLE, _SECOND = 0.03, 2.0, 0.7
+_LEAST_SCORE, _ABOVE_FLOOR, _SECOND = 0.03, 2.0, 0.7
 
 FloatImage = NDArray[np.float32]
 
@@ -57,6 +59,11 @@ class Sweep:
     """All of them, the highest first."""
     refusal: str | None
     """Why the highest is not the answer: ``sweep_flat``, ``sweep_at_edge`` or ``sweep_ambiguous``; None if it is."""
+
+    @property
+    def distance(self) -> float | None:
+        """Distance of the surface with most texture, in metres; None where no peak is clear."""
+        return None if self.refusal else self.peaks[0].distance
 
 
 def sweep_plane(
@@ -89,7 +96,9 @@ def sweep_plane(
     would span the front and what stands behind it, and prefer that.
     """
     projector = Projector(recording.camera, cache_bytes=0)
-    distances = distance + _STEP * np.arange(-round(REACH / _STEP), round(REACH / _STEP) + 1)
+    distances: FloatArray = distance + _STEP * np.arange(
+        -round(REACH / _STEP), round(REACH / _STEP) + 1, dtype=np.float64
+    )
     alike, windows = np.zeros(len(distances)), np.zeros(len(distances))
     for group in _groups(recording, poses, foot, turn, distance):
         images = [recording.image(recording.shots[shots[i]], gray=True) for i in group]
@@ -123,7 +132,7 @@ def judged(distances: FloatArray, scores: FloatArray, windows: int) -> Sweep:
 
 def _refusal(scores: FloatArray, windows: int, peaks: Sequence[Peak]) -> str | None:
     top = int(scores.argmax())
-    if windows < _LEAST_WINDOWS or scores[top] < max(_LEAST_SCORE, _ABOVE_MIDDLE * float(np.median(scores))):
+    if windows < _LEAST_WINDOWS or scores[top] < max(_LEAST_SCORE, _ABOVE_FLOOR * float(np.percentile(scores, 25))):
         return "sweep_flat"
     if not 2 <= top < len(scores) - 2:
         return "sweep_at_edge"

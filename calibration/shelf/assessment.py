@@ -19,6 +19,11 @@ USELESS_M, USELESS_DEG = 0.07, 0.75
 _PRIOR_M, _PRIOR_DEG = 0.65, 13.0
 _LEAST_DISTANCE = 0.3
 _SCALE, _BIAS_DEG_S = 0.02, 1.0
+_SWEEP = {
+    "sweep_flat": "moving the plane by 15 cm, at no distance do clearly more windows of the shots look alike",
+    "sweep_at_edge": "moving the plane by 15 cm, the most windows of the shots look alike where the search ends",
+    "sweep_ambiguous": "moving the plane by 15 cm, windows of the shots look alike at two distances or more",
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,6 +124,9 @@ def _restrictions(survey: ShelfSurvey) -> Iterator[Finding]:
             "no upright tells where the front is, and pallets need not stand flush with it",
             "let the way pass two uprights of the shelf",
         )
+    if survey.sweep is not None and survey.sweep.refusal is not None:
+        what = _SWEEP[survey.sweep.refusal]
+        yield Finding(Severity.NOTE, survey.sweep.refusal, what, "nothing: the sweep does not enter the result")
     if abs(survey.bundle.scale - 1) > _SCALE:
         yield Finding(
             Severity.WARNING,

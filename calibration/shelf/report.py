@@ -11,6 +11,7 @@ from calibration.finding_table import finding_data, finding_parts
 from calibration.shelf.assessment import ShelfAssessment
 from calibration.shelf.figure import plan_figure
 from calibration.shelf.plane import Foot, PlaneEstimate
+from calibration.shelf.plane_sweep import SIGMA, Sweep
 from calibration.shelf.survey import Front
 from palletloc.drawing.canvas import small_png
 from palletloc.report.page import Column, embedded, heading, key_figures, page, paragraph, picture, table
@@ -48,7 +49,21 @@ def shelf_data(assessment: ShelfAssessment) -> dict[str, Any]:
             "covariance_order": ["facing_rad", "distance_m"],
             "chance": fused.chance,
         }
+    if survey.sweep is not None:
+        data["sweep"] = _sweep_data(survey.sweep)
     return data
+
+
+def _sweep_data(sweep: Sweep) -> dict[str, Any]:
+    return {
+        "distance_m": sweep.distance,
+        "distance_sigma_m": None if sweep.distance is None else SIGMA,
+        "code": sweep.refusal,
+        "windows": sweep.windows,
+        "peaks": [{"distance_m": one.distance, "score": one.score} for one in sweep.peaks],
+        "distances_m": sweep.distances.tolist(),
+        "scores": sweep.scores.tolist(),
+    }
 
 
 def _plane_data(plane: ShelfPlane) -> dict[str, Any]:
@@ -97,11 +112,25 @@ def _parts(assessment: ShelfAssessment) -> Iterator[str]:
         embedded(small_png(plan_figure(survey))), "From above: the way, the pallets, the edges and the plane.",
         keep_wide=True,
     )  # fmt: skip
+    if survey.sweep is not None and survey.fused is not None:
+        yield from _sweep_parts(survey.sweep, survey.fused.distance)
     bundle = survey.bundle
     yield paragraph(
         f"{len(survey.shots)} shots were used. By them the odometry's distances are off by"
         f" {100 * (1 / bundle.scale - 1):+.2f} % and its yaw rate by {np.degrees(bundle.bias):+.3f}{_DEGREE}/s."
     )
+
+
+def _sweep_parts(sweep: Sweep, distance: float) -> Iterator[str]:
+    yield heading("Where surfaces are")
+    yield paragraph(
+        f"The plane was moved by 15 cm to either side. At each peak of the {len(sweep.distances)} distances the most"
+        f" of {sweep.windows} small windows look alike from several places: there are uprights, beams or pallets."
+        " Which of them it is cannot be told, so this does not change the result."
+    )
+    columns = (Column("distance m"), Column("behind the result, mm"), Column("windows alike, %"))
+    rows = [(one.distance, 1000 * (one.distance - distance), 100 * one.score) for one in sweep.peaks]
+    yield table(columns, [[f"{at:.3f}", f"{off:+.0f}", f"{alike:.1f}"] for at, off, alike in rows])
 
 
 def method_columns() -> tuple[Column, ...]:

@@ -19,6 +19,7 @@ from calibration.shelf.level_view import LevelView, level_view
 from calibration.shelf.line_segments import find_segments
 from calibration.shelf.pallets import PalletSight, see_again, see_pallets
 from calibration.shelf.plane import Foot, FusedPlane, PlaneEstimate, fuse
+from calibration.shelf.plane_sweep import REACH, Sweep, sweep_plane
 from calibration.shelf.shots import Skipped, motion_refusal, usable_shots
 from calibration.shelf.upright_edges import Edges, find_edges
 from calibration.shelf.upright_tags import TAGS, TagsOnUprights, tag_places, tag_plane
@@ -79,6 +80,8 @@ class ShelfSurvey:
     """The others."""
     fused: FusedPlane | None
     """All together; None where that leaves distance or heading open."""
+    sweep: Sweep | None = None
+    """At which distances around that shots agree; None where it is not known well enough to look there."""
 
     @property
     def plane(self) -> ShelfPlane | None:
@@ -153,6 +156,11 @@ def survey_shelf(
         lines = _lines(recording, shots, bundle.poses, foot, rough.turn)
         estimates += beams if lines is None else [*beams, lines]
     estimates = [one.apart(0.0 if _tells(one, front) else _APART) for one in estimates]
+    fused = fuse(estimates, _common(recording, estimates)) if estimates else None
+    sweep = None
+    if fused is not None and fused.covariance[1, 1] < (REACH / 2) ** 2:
+        on_progress("moving the plane through its neighbourhood")
+        sweep = sweep_plane(recording, shots, bundle.poses, foot, fused.turn, fused.distance)
     members = np.zeros(len(edges.vote)) if line is None else line.members.astype(np.float64)
     return ShelfSurvey(
         recording,
@@ -167,7 +175,8 @@ def survey_shelf(
         members,
         tuple(estimates),
         tuple(skipped),
-        fuse(estimates, _common(recording, estimates)) if estimates else None,
+        fused,
+        sweep,
     )
 
 

@@ -136,4 +136,6 @@ def test_the_front_of_a_recording_is_found_from_a_rough_guess(
     report = json.loads(out.with_suffix(".json").read_text())
     assert abs(depth[0] - depth[1]) < min(0.015, 2.5 * report["shelf"]["distance_sigma_m"])
     assert abs(np.degrees(wrap_angle(found.facing - truth.facing))) < 0.3
+    assert report["sweep"]["peaks"]
+    assert "sweep" not in {one["method"] for one in report["methods"]}
     assert "data:image/png;base64," in out.with_suffix(".html").read_text()

@@ -1,0 +1,226 @@
+"""A plane moved through its neighbourhood: at which distances shots from several places see the same on it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.drive import compose, relative
+from calibration.shelf.plane import Foot
+from palletloc.geometry import FloatArray, Image, LevelPose
+from palletloc.io.recording import Recording
+from palletloc.plane import PALLET_FROM_VERTICAL, PlaneGrid, place_plane
+from palletloc.projection import Projector
+
+SWEEP = "sweep"
+"""Name of the method."""
+REACH = 0.15
+"""How far before and behind the known plane is looked, in metres: the wall behind a shelf is farther."""
+SIGMA = 0.05
+"""How far the surface with most texture may be from the uprights' front, in metres; one standard deviation."""
+_STEP = 0.01
+_RESOLUTION, _WINDOW = 0.005, 15
+_ASIDE, _HEIGHTS = 1.0, (0.1, 2.3)
+_WANTED, _LEAST, _MOST = 0.3, 0.12, 0.6
+_MOST_GROUPS = 8
+_ALIKE = 0.9
+_TEXTURE, _ACROSS = 0.03, 0.5
+_LEAST_WINDOWS = 200
+_LEAST_SCORE, _ABOVE_FLOOR, _SECOND = 0.03, 2.0, 0.7
+
+FloatImage = NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class Peak:
+    """A distance at which more windows agree than at those beside it."""
+
+    distance: float
+    """From the foot's point, in metres."""
+    score: float
+    """Part of the windows that agree, 0 to 1."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sweep:
+    """What moving the plane gave."""
+
+    distances: FloatArray
+    """(n,) that were tried, in metres from the foot's point, evenly spaced."""
+    scores: FloatArray
+    """(n,) part of the windows that look alike in all shots of their group, smoothed over three distances."""
+    windows: int
+    """How many windows with texture there are, on average over the distances."""
+    peaks: tuple[Peak, ...]
+    """All of them, the highest first."""
+    refusal: str | None
+    """Why the highest is not the answer: ``sweep_flat``, ``sweep_at_edge`` or ``sweep_ambiguous``; None if it is."""
+
+    @property
+    def distance(self) -> float | None:
+        """Distance of the surface with most texture, in metres; None where no peak is clear."""
+        return None if self.refusal else self.peaks[0].distance
+
+
+def sweep_plane(
+    recording: Recording, shots: Sequence[int], poses: FloatArray, foot: Foot, turn: float, distance: float
+) -> Sweep:
+    """Move a plane by 15 cm towards the camera and away from it, and count what shots agree on.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording.
+    shots : sequence of int
+        Which of its shots to use.
+    poses : (n, 3) array
+        ``odom_from_forklift`` at these.
+    foot : Foot
+        What planes are described from.
+    turn, distance : float
+        The plane as known, in radians and metres; the heading is kept.
+
+    Returns
+    -------
+    Sweep
+        Without windows where no two shots have a baseline.
+
+    Notes
+    -----
+    Windows of 7.5 cm whose brightness changes along the shelf are compared between a shot and its neighbours on
+    the way, by normalized cross-correlation. A window agrees where the least of these is above 0.9. Greater windows
+    would span the front and what stands behind it, and prefer that.
+    """
+    projector = Projector(recording.camera, cache_bytes=0)
+    distances: FloatArray = distance + _STEP * np.arange(
+        -round(REACH / _STEP), round(REACH / _STEP) + 1, dtype=np.float64
+    )
+    alike, windows = np.zeros(len(distances)), np.zeros(len(distances))
+    for group in _groups(recording, poses, foot, turn, distance):
+        images = [recording.image(recording.shots[shots[i]], gray=True) for i in group]
+        along = _along(recording, poses[group[0]], foot, turn)
+        for k, deep in enumerate(distances):
+            views = list(_views(recording, projector, images, poses[list(group)], (foot, turn, float(deep), along)))
+            agreeing, textured = _agreement(views)
+            alike[k] += agreeing
+            windows[k] += textured
+    return judged(distances, alike / np.maximum(windows, 1), round(float(windows.mean())))
+
+
+def judged(distances: FloatArray, scores: FloatArray, windows: int) -> Sweep:
+    """Find the peaks of a sweep, and say whether the highest one is clear.
+
+    Parameters
+    ----------
+    distances : (n,) array
+        Evenly spaced, in metres.
+    scores : (n,) array
+        Part of the windows that agree there.
+    windows : int
+        How many there are.
+    """
+    padded = np.pad(scores, 1, mode="edge")
+    smooth = (padded[:-2] + 2 * padded[1:-1] + padded[2:]) / 4
+    inner = np.flatnonzero((smooth[1:-1] > smooth[:-2]) & (smooth[1:-1] >= smooth[2:])) + 1
+    peaks = sorted((_peak(distances, smooth, int(i)) for i in inner), key=lambda one: -one.score)
+    return Sweep(distances, smooth, windows, tuple(peaks), _refusal(smooth, windows, peaks))
+
+
+def _refusal(scores: FloatArray, windows: int, peaks: Sequence[Peak]) -> str | None:
+    top = int(scores.argmax())
+    if windows < _LEAST_WINDOWS or scores[top] < max(_LEAST_SCORE, _ABOVE_FLOOR * float(np.percentile(scores, 25))):
+        return "sweep_flat"
+    if not 2 <= top < len(scores) - 2:
+        return "sweep_at_edge"
+    second = max([one.score for one in peaks[1:]] + [float(scores[0]), float(scores[-1])])
+    return "sweep_ambiguous" if second >= _SECOND * peaks[0].score else None
+
+
+def _peak(distances: FloatArray, scores: FloatArray, i: int) -> Peak:
+    """Return the top of the parabola through a maximum and its neighbours."""
+    left, top, right = scores[i - 1 : i + 2]
+    bend = left - 2 * top + right
+    off = 0.5 * (left - right) / bend if bend < 0 else 0.0
+    return Peak(float(distances[i] + off * (distances[1] - distances[0])), float(top))
+
+
+def _along(recording: Recording, pose: FloatArray, foot: Foot, turn: float) -> float:
+    """Return the camera's place along the plane, in metres to the right."""
+    camera = compose(pose, np.array([*recording.mounting.center[:2], 0.0]))[:2]
+    return float(Foot(foot.point, foot.yaw + turn).local(camera[None])[0, 0])
+
+
+def _groups(
+    recording: Recording, poses: FloatArray, foot: Foot, turn: float, distance: float
+) -> list[tuple[int, ...]]:
+    """Return shots, each with the neighbour on either side that has the best baseline, where one has."""
+    along = np.array([_along(recording, pose, foot, turn) for pose in poses]) / distance
+    groups = []
+    for i, place in enumerate(along):
+        group = [i]
+        for side in (-1, 1):
+            baseline = side * (along - place)
+            best = int(np.abs(baseline - _WANTED).argmin())
+            if _LEAST <= baseline[best] <= _MOST:
+                group.append(best)
+        if len(group) > 1:
+            groups.append(tuple(group))
+    whole = [one for one in groups if len(one) == 3] or groups
+    spread = np.linspace(0, len(whole) - 1, min(len(whole), _MOST_GROUPS)).round().astype(int)
+    return [whole[i] for i in np.unique(spread)]
+
+
+def _views(
+    recording: Recording,
+    projector: Projector,
+    images: Sequence[Image],
+    poses: FloatArray,
+    plane: tuple[Foot, float, float, float],
+) -> Iterator[tuple[FloatImage, NDArray[np.bool_]]]:
+    """Yield what each shot shows of a part of the plane, and where it shows any."""
+    foot, turn, distance, along = plane
+    yaw = foot.yaw + turn
+    into = np.array([np.cos(yaw), np.sin(yaw)])
+    x, y = foot.point + distance * into + along * np.array([into[1], -into[0]])
+    grid = PlaneGrid.spanning(-_ASIDE, _ASIDE, *_HEIGHTS, _RESOLUTION)
+    camera_from_forklift = recording.forklift_from_camera.inv()
+    for image, pose in zip(images, poses, strict=True):
+        beside_x, beside_y, towards = (float(v) for v in relative(pose, np.array([x, y, yaw])))
+        beside = LevelPose(beside_x, beside_y, 0.0, towards)
+        view = projector.view(image, place_plane(camera_from_forklift, beside, PALLET_FROM_VERTICAL), grid)
+        yield view.image.astype(np.float32), view.valid
+
+
+def _agreement(views: Sequence[tuple[FloatImage, NDArray[np.bool_]]]) -> tuple[int, int]:
+    """Return how many windows agree, and how many have texture."""
+    image, valid = views[0]
+    mean, spread = _moments(image)
+    rows = cv2.blur(image, (_WINDOW, 1))
+    # What changes only with the height looks the same from all places of the way.
+    upward = _box(rows * rows) - mean * mean
+    bright = float(np.median(image[valid])) if valid.any() else 0.0
+    textured = (spread > (_TEXTURE * max(bright, 30.0)) ** 2) & (spread - upward > _ACROSS * spread)
+    least = np.full(image.shape, 1.0, np.float32)
+    for other, seen in views[1:]:
+        valid = valid & seen
+        its_mean, its_spread = _moments(other)
+        both = _box(image * other) - mean * its_mean
+        least = np.minimum(least, both / np.sqrt(np.maximum(spread * its_spread, 1e-6)))
+    whole = cv2.erode(valid.astype(np.uint8), np.ones((_WINDOW, _WINDOW), np.uint8), borderValue=0) > 0
+    apart = slice(_WINDOW // 2, None, _WINDOW // 2)
+    used = (textured & whole)[apart, apart]
+    return int((used & (least[apart, apart] > _ALIKE)).sum()), int(used.sum())
+
+
+def _moments(image: FloatImage) -> tuple[FloatImage, FloatImage]:
+    """Return mean and variance of the windows around each pixel."""
+    mean = _box(image)
+    return mean, np.maximum(_box(image * image) - mean * mean, 0)
+
+
+def _box(image: FloatImage) -> FloatImage:
+    return np.asarray(cv2.blur(image, (_WINDOW, _WINDOW)), dtype=np.float32)

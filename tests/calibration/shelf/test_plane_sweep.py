@@ -1,0 +1,144 @@
+"""A textured front with gaps before a textured back wall, drawn by casting rays."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from calibration.drive import compose
+from calibration.shelf.plane import Foot
+from calibration.shelf.plane_sweep import REACH, Sweep, judged, sweep_plane
+from palletloc.cameras import Equirectangular
+from palletloc.geometry import FloatArray
+from palletloc.io.recording import Recording, Shot
+from palletloc.pallet_library import find_models
+from palletloc.shelf import ShelfPlane
+from palletloc.trajectory import Trajectory
+
+FRONT, BEHIND = 1.8, 0.9
+TURN = float(np.radians(0.7))
+CAMERA = Equirectangular(1280, 640)
+MOUNTING = RigidTransform.from_components(
+    [0.2, 0.05, 1.4], Rotation.from_euler("ZYX", [1.5, -1.0, 0.8], degrees=True)
+)
+POSES = np.stack([np.linspace(0, 1.6, 4), [0.0, 0.02, 0.01, 0.0], 0.01 * np.arange(4)], axis=1)
+FOOT = Foot(np.array([0.9, 0.05]), np.pi / 2)
+INTO = np.array([-np.sin(TURN), np.cos(TURN)])
+CELL = 0.02
+
+
+def shifted(distance: float) -> float:
+    """Return the distance from the foot's point of a plane that lies at a distance from odom's origin."""
+    return distance - float(FOOT.point @ INTO)
+
+
+def drawn(
+    pose: FloatArray, layers: Sequence[tuple[float, float]], sigma: float, rng: np.random.Generator
+) -> FloatArray:
+    """Return a shot of walls, (distance, part of it that is there) each, near ones first; the last one is whole."""
+    rows, columns = np.mgrid[: CAMERA.height, : CAMERA.width].astype(np.float64)
+    rays = MOUNTING.rotation.apply(CAMERA.unproject(np.stack([columns, rows], -1)).directions.reshape(-1, 3))
+    cos, sin = np.cos(pose[2]), np.sin(pose[2])
+    rays[:, :2] = rays[:, :2] @ [[cos, sin], [-sin, cos]]
+    seen = rays @ [*INTO, 0.0] > 0.3
+    rays = rays[seen] / (rays[seen] @ [*INTO, 0.0])[:, None]
+    center = compose(pose, np.array([*MOUNTING.translation[:2], 0.0]))[:2]
+    light = np.zeros(len(rays))
+    for k, (distance, part) in reversed(list(enumerate(layers))):
+        texture = np.random.default_rng(k).uniform(30, 220, (400, 900)).astype(np.float32)
+        reach = distance - center @ INTO
+        right = (center + reach * rays[:, :2]) @ [INTO[1], -INTO[0]]
+        up = MOUNTING.translation[2] + reach * rays[:, 2]
+        column, row = ((c / CELL + first).astype(np.float32).reshape(-1, 1) for c, first in ((right, 450), (up, 100)))
+        parts = [
+            cv2.remap(texture, column[i : i + 30000], row[i : i + 30000], cv2.INTER_LINEAR, borderValue=(100.0,))
+            for i in range(0, len(rays), 30000)
+        ]
+        light = np.where(np.mod(right, 0.5) < 0.5 * part, np.concatenate(parts)[:, 0], light)
+    shot = np.full(len(seen), 100.0)
+    shot[seen] = light
+    return np.clip(shot + sigma * rng.standard_normal(len(shot)), 0, 255).reshape(CAMERA.height, CAMERA.width)
+
+
+def swept(
+    folder: Path,
+    layers: Sequence[tuple[float, float]],
+    distance: float,
+    sigma: float = 2.0,
+    poses: FloatArray = POSES,
+) -> Sweep:
+    rng = np.random.default_rng(7)
+    for i, pose in enumerate(poses):
+        cv2.imwrite(str(folder / f"{i}.png"), drawn(pose, layers, sigma, rng).round().astype(np.uint8))
+    recording = Recording(
+        folder, CAMERA, MOUNTING, ShelfPlane(0.0, FRONT, -np.pi / 2), find_models(("epal1-1200",), {}),
+        tuple(Shot(float(i), f"{i}.png") for i in range(len(poses))),
+        Trajectory(np.arange(float(len(poses))), *poses.T),
+    )  # fmt: skip
+    return sweep_plane(recording, range(len(poses)), poses, FOOT, TURN, shifted(distance))
+
+
+@pytest.mark.parametrize(("off", "sigma"), [(0.0, 2.0), (0.08, 2.0), (-0.07, 6.0)])
+def test_the_front_is_found_before_a_wall_that_fills_most_of_the_view(
+    off: float, sigma: float, tmp_path: Path
+) -> None:
+    found = swept(tmp_path, [(FRONT, 0.4), (FRONT + BEHIND, 1.0)], FRONT + off, sigma)
+    assert found.refusal is None
+    assert found.peaks[0].distance == pytest.approx(shifted(FRONT), abs=0.005)
+
+
+def test_the_wall_alone_gives_no_distance(tmp_path: Path) -> None:
+    assert swept(tmp_path, [(FRONT + BEHIND, 1.0)], FRONT).refusal == "sweep_flat"
+
+
+def test_a_plane_outside_the_window_is_not_moved_into_it(tmp_path: Path) -> None:
+    found = swept(tmp_path, [(FRONT, 1.0)], FRONT - REACH - 0.005)
+    assert found.refusal == "sweep_at_edge"
+
+
+def test_two_planes_that_show_alike_are_both_named_and_neither_is_taken(tmp_path: Path) -> None:
+    found = swept(tmp_path, [(FRONT - 0.07, 0.42), (FRONT + 0.07, 1.0)], FRONT)
+    assert found.refusal == "sweep_ambiguous"
+    near, far = sorted(one.distance for one in found.peaks[:2])
+    assert [near, far] == pytest.approx([shifted(FRONT - 0.07), shifted(FRONT + 0.07)], abs=0.01)
+
+
+def test_shots_without_a_baseline_give_no_distance(tmp_path: Path) -> None:
+    near = np.stack([np.linspace(0, 0.1, 3), np.zeros(3), np.zeros(3)], axis=1)
+    found = swept(tmp_path, [(FRONT, 1.0)], FRONT, poses=near)
+    assert (found.windows, found.peaks, found.refusal) == (0, (), "sweep_flat")
+
+
+def bell(*tops: tuple[float, float], floor: float = 0.01) -> tuple[FloatArray, FloatArray]:
+    """Return distances and scores with a peak at each place of a height."""
+    distances: FloatArray = 1.8 + 0.01 * np.arange(-15, 16, dtype=np.float64)
+    scores = np.full(31, floor)
+    for at, high in tops:
+        scores += high * np.exp(-(((distances - at) / 0.015) ** 2) / 2)
+    return distances, scores
+
+
+def test_a_lone_peak_lies_at_the_top_of_its_parabola() -> None:
+    found = judged(*bell((1.8234, 0.3)), 1000)
+    assert (found.refusal, len(found.peaks)) == (None, 1)
+    assert found.peaks[0].distance == pytest.approx(1.8234, abs=0.001)
+
+
+@pytest.mark.parametrize(
+    ("tops", "windows", "refusal"),
+    [
+        ([(1.82, 0.3), (1.72, 0.19)], 1000, None),
+        ([(1.82, 0.3), (1.72, 0.23)], 1000, "sweep_ambiguous"),
+        ([(1.82, 0.3), (1.65, 0.25)], 1000, "sweep_ambiguous"),
+        ([(1.95, 0.3)], 1000, "sweep_at_edge"),
+        ([(1.97, 0.3)], 1000, "sweep_at_edge"),
+        ([(1.82, 0.005)], 1000, "sweep_flat"),
+        ([(1.82, 0.3)], 50, "sweep_flat"),
+        ([], 1000, "sweep_flat"),
+    ],
+)
+def test_only_a_clear_peak_is_taken(tops: list[tuple[float, float]], windows: int, refusal: str | None) -> None:
+    assert judged(*bell(*tops), windows).refusal == refusal

@@ -270,7 +270,8 @@ def test_measurements_of_another_recording_are_refused(tmp_path: Path, time: flo
 def test_tracks_beat_the_shots_that_they_are_made_of(name: str) -> None:
     """In depth, along and yaw wherever a track is confirmed and its pallet counts as visible, shot by shot.
 
-    From the fifth measurement on in depth and along; single yaws are by then as good as a track's, if they are clear.
+    From the fifth measurement on in depth; single yaws are by then as good as a track's, if they are clear, and two
+    shots of a pallet near the camera's height rule the errors along the shelf.
     """
     if not (SHARED / name).is_dir():
         pytest.skip("the shared recordings are not there")
@@ -290,7 +291,7 @@ def test_tracks_beat_the_shots_that_they_are_made_of(name: str) -> None:
         return [PalletMeasurement(row.time, row.model, row.pose, row.covariance, 1.0, YawSource.FACE) for row in kept]
 
     single = offsets(found)
-    for hits, parts in ((3, slice(0, 3)), (5, slice(0, 2))):
+    for hits, parts in ((3, slice(0, 3)), (5, slice(0, 1))):
         filtered = offsets(as_measured(run.rows, hits))
         smooth = offsets(as_measured(run.smoothed_rows, hits))
         assert len(filtered) > 25

@@ -14,7 +14,7 @@ from palletloc.geometry import Image
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Observation:
+class TargetObservation:
     """One target in one shot."""
 
     target: str
@@ -35,7 +35,7 @@ def observe(
     shot: str,
     targets: Mapping[str, Target],
     on_progress: Callable[[str], None] = lambda _: None,
-) -> list[Observation]:
+) -> list[TargetObservation]:
     """Find and measure the targets in one shot.
 
     Parameters
@@ -53,7 +53,7 @@ def observe(
 
     Returns
     -------
-    list of Observation
+    list of TargetObservation
         One for each target that is seen, in the order of the targets.
 
     Raises
@@ -77,7 +77,7 @@ def observe(
     on_progress(f"{shot}: measuring {len(found)} targets")
     measured = {name: _measure(camera, image, sighting) for name, sighting in found.items()}
     return [
-        Observation(name, shot, found[name].pattern, found[name].markers, aligned)
+        TargetObservation(name, shot, found[name].pattern, found[name].markers, aligned)
         for name in targets
         if (aligned := measured.get(name)) is not None
     ]

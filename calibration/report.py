@@ -15,7 +15,7 @@ from calibration.degeneracy import NAMES, weakest
 from calibration.extrinsics import Extrinsics
 from calibration.findings import Finding, Severity
 from calibration.forklift_frame import ForkliftFrame
-from calibration.observations import Observation
+from calibration.observations import TargetObservation
 from calibration.report_figures import correlation_figure, left_out_figure, polar_figure, sphere_figure
 from calibration.residuals import CornerResiduals, at_reference, corner_residuals
 from palletloc.drawing.canvas import small_png
@@ -32,7 +32,7 @@ class Report:
 
     assessment: Assessment
     """Result and verdict."""
-    observations: tuple[Observation, ...]
+    observations: tuple[TargetObservation, ...]
     """Targets in shots."""
     names: tuple[str, ...]
     """Of the targets that are seen, in the fit's order."""
@@ -101,7 +101,7 @@ def _finding_data(finding: Finding) -> dict[str, str]:
     return {"severity": str(finding.severity), "code": finding.code, "what": finding.what, "how": finding.how}
 
 
-def _observation_data(one: Observation) -> dict[str, Any]:
+def _observation_data(one: TargetObservation) -> dict[str, Any]:
     return {
         "target": one.target,
         "shot": one.shot,

@@ -9,7 +9,7 @@ import numpy as np
 
 from calibration.bearing_dlt import tangent_axes
 from calibration.extrinsics import Extrinsics
-from calibration.observations import Observation
+from calibration.observations import TargetObservation
 from palletloc.geometry import BoolArray, FloatArray
 
 REFERENCE_RANGE = 2.0
@@ -53,7 +53,7 @@ class CornerResiduals:
 
 
 def corner_residuals(
-    solution: Extrinsics, observations: Sequence[Observation], names: Sequence[str]
+    solution: Extrinsics, observations: Sequence[TargetObservation], names: Sequence[str]
 ) -> tuple[CornerResiduals, ...]:
     """Return the residuals of all corners, those that the fit refused included.
 
@@ -61,7 +61,7 @@ def corner_residuals(
     ----------
     solution : Extrinsics
         The fit.
-    observations : sequence of Observation
+    observations : sequence of TargetObservation
         Those that it rests on, in the same order.
     names : sequence of str
         Of the targets, in the fit's order.

@@ -17,7 +17,7 @@ from calibration.degeneracy import NAMES
 from calibration.extrinsics_file import ExtrinsicsTask, read_extrinsics
 from calibration.findings import PASS, Severity
 from calibration.network import Network, Sight
-from calibration.observations import Observation, observe
+from calibration.observations import TargetObservation, observe
 from calibration.outcome import Outcome, free_stem
 from calibration.report import Report, report_data, report_page
 from calibration.rig_file import rig_text
@@ -71,7 +71,7 @@ def _reasons(assessment: Assessment) -> tuple[str, ...]:
     return tuple(f"{f.severity}: {f.code}: {f.what}; {f.how}" for f in assessment.findings)
 
 
-def _observe(task: ExtrinsicsTask, on_progress: Callable[[str], None]) -> list[Observation]:
+def _observe(task: ExtrinsicsTask, on_progress: Callable[[str], None]) -> list[TargetObservation]:
     size = (task.camera.width, task.camera.height)
     observations = []
     for shot in task.shots:
@@ -80,14 +80,16 @@ def _observe(task: ExtrinsicsTask, on_progress: Callable[[str], None]) -> list[O
     return observations
 
 
-def observed_network(task: ExtrinsicsTask, observations: Sequence[Observation], names: Sequence[str]) -> Network:
+def observed_network(
+    task: ExtrinsicsTask, observations: Sequence[TargetObservation], names: Sequence[str]
+) -> Network:
     """Return the equations for what was observed.
 
     Parameters
     ----------
     task : ExtrinsicsTask
         With the surveys.
-    observations : sequence of Observation
+    observations : sequence of TargetObservation
         Targets in shots.
     names : sequence of str
         Of the targets that are seen, in the order that the network gets.

@@ -18,7 +18,7 @@ from calibration.motion.file import MotionTargets, read_motion_targets
 from calibration.motion.network import MotionNetwork
 from calibration.motion.report import fault_rows, motion_data, motion_page, motion_rows
 from calibration.network import Sight
-from calibration.observations import Observation, observe
+from calibration.observations import TargetObservation, observe
 from calibration.outcome import Outcome, free_stem
 from calibration.rig_file import rig_text
 from calibration.texture_alignment import on_board
@@ -65,7 +65,7 @@ def calibrate_motion(folder: Path, out: Path, on_progress: Callable[[str], None]
 
 def _observe(
     recording: Recording, targets: MotionTargets, on_progress: Callable[[str], None]
-) -> list[tuple[int, Observation]]:
+) -> list[tuple[int, TargetObservation]]:
     start, end = recording.odometry.span
     found = []
     for index, shot in enumerate(recording.shots):
@@ -77,7 +77,7 @@ def _observe(
 
 
 def _assess(
-    recording: Recording, targets: MotionTargets, observations: list[tuple[int, Observation]]
+    recording: Recording, targets: MotionTargets, observations: list[tuple[int, TargetObservation]]
 ) -> MotionAssessment:
     if not observations:
         how = "check the shots, the dictionary and the ids; a marker needs a side of about 20 px in the shot"

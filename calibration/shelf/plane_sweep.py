@@ -46,7 +46,7 @@ class Peak:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sweep:
+class PlaneSweep:
     """What moving the plane gave."""
 
     distances: FloatArray
@@ -68,7 +68,7 @@ class Sweep:
 
 def sweep_plane(
     recording: Recording, shots: Sequence[int], poses: FloatArray, foot: Foot, turn: float, distance: float
-) -> Sweep:
+) -> PlaneSweep:
     """Move a plane by 15 cm towards the camera and away from it, and count what shots agree on.
 
     Parameters
@@ -86,7 +86,7 @@ def sweep_plane(
 
     Returns
     -------
-    Sweep
+    PlaneSweep
         Without windows where no two shots have a baseline.
 
     Notes
@@ -111,7 +111,7 @@ def sweep_plane(
     return judged(distances, alike / np.maximum(windows, 1), round(float(windows.mean())))
 
 
-def judged(distances: FloatArray, scores: FloatArray, windows: int) -> Sweep:
+def judged(distances: FloatArray, scores: FloatArray, windows: int) -> PlaneSweep:
     """Find the peaks of a sweep, and say whether the highest one is clear.
 
     Parameters
@@ -127,7 +127,7 @@ def judged(distances: FloatArray, scores: FloatArray, windows: int) -> Sweep:
     smooth = (padded[:-2] + 2 * padded[1:-1] + padded[2:]) / 4
     inner = np.flatnonzero((smooth[1:-1] > smooth[:-2]) & (smooth[1:-1] >= smooth[2:])) + 1
     peaks = sorted((_peak(distances, smooth, int(i)) for i in inner), key=lambda one: -one.score)
-    return Sweep(distances, smooth, windows, tuple(peaks), _refusal(smooth, windows, peaks))
+    return PlaneSweep(distances, smooth, windows, tuple(peaks), _refusal(smooth, windows, peaks))
 
 
 def _refusal(scores: FloatArray, windows: int, peaks: Sequence[Peak]) -> str | None:

@@ -11,7 +11,7 @@ from calibration.finding_table import finding_data, finding_parts
 from calibration.shelf.assessment import ShelfAssessment
 from calibration.shelf.figure import plan_figure
 from calibration.shelf.plane import Foot, PlaneEstimate
-from calibration.shelf.plane_sweep import SIGMA, Sweep
+from calibration.shelf.plane_sweep import SIGMA, PlaneSweep
 from calibration.shelf.survey import Front
 from palletloc.drawing.canvas import small_png
 from palletloc.report.page import Column, embedded, heading, key_figures, page, paragraph, picture, table
@@ -54,7 +54,7 @@ def shelf_data(assessment: ShelfAssessment) -> dict[str, Any]:
     return data
 
 
-def _sweep_data(sweep: Sweep) -> dict[str, Any]:
+def _sweep_data(sweep: PlaneSweep) -> dict[str, Any]:
     return {
         "distance_m": sweep.distance,
         "distance_sigma_m": None if sweep.distance is None else SIGMA,
@@ -121,7 +121,7 @@ def _parts(assessment: ShelfAssessment) -> Iterator[str]:
     )
 
 
-def _sweep_parts(sweep: Sweep, distance: float) -> Iterator[str]:
+def _sweep_parts(sweep: PlaneSweep, distance: float) -> Iterator[str]:
     yield heading("Where surfaces are")
     yield paragraph(
         f"The plane was moved by 15 cm to either side. At each peak of the {len(sweep.distances)} distances the most"

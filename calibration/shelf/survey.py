@@ -19,7 +19,7 @@ from calibration.shelf.level_view import LevelView, level_view
 from calibration.shelf.line_segments import find_segments
 from calibration.shelf.pallets import PalletSight, see_again, see_pallets
 from calibration.shelf.plane import Foot, FusedPlane, PlaneEstimate, fuse
-from calibration.shelf.plane_sweep import REACH, Sweep, sweep_plane
+from calibration.shelf.plane_sweep import REACH, PlaneSweep, sweep_plane
 from calibration.shelf.shots import Skipped, motion_refusal, usable_shots
 from calibration.shelf.upright_edges import Edges, find_edges
 from calibration.shelf.upright_tags import TAGS, TagsOnUprights, tag_places, tag_plane
@@ -80,7 +80,7 @@ class ShelfSurvey:
     """The others."""
     fused: FusedPlane | None
     """All together; None where that leaves distance or heading open."""
-    sweep: Sweep | None = None
+    sweep: PlaneSweep | None = None
     """At which distances around that shots agree; None where it is not known well enough to look there."""
 
     @property

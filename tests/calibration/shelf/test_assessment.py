@@ -10,7 +10,7 @@ from calibration.shelf.assessment import assess_shelf
 from calibration.shelf.bundle import Bundle, Observed
 from calibration.shelf.front_line import PALLETS, UPRIGHTS
 from calibration.shelf.plane import Foot, PlaneEstimate, fuse
-from calibration.shelf.plane_sweep import SIGMA, Peak, Sweep
+from calibration.shelf.plane_sweep import SIGMA, Peak, PlaneSweep
 from calibration.shelf.report import shelf_data, shelf_page
 from calibration.shelf.shots import Skipped, motion_refusal
 from calibration.shelf.survey import Front, ShelfSurvey
@@ -126,7 +126,7 @@ def test_the_report_holds_every_method_and_no_other_file() -> None:
 def test_a_sweep_is_told_but_changes_neither_plane_nor_verdict(refusal: str | None) -> None:
     before = survey(said(UPRIGHTS, 0.3, 1.91))
     peaks = (Peak(2.01, 0.2), Peak(1.87, 0.17))
-    after = replace(before, sweep=Sweep(np.array([1.9, 2.0]), np.array([0.1, 0.2]), 900, peaks, refusal))
+    after = replace(before, sweep=PlaneSweep(np.array([1.9, 2.0]), np.array([0.1, 0.2]), 900, peaks, refusal))
     assert codes(after) == (PASS, {refusal} - {None})
     data, page = shelf_data(assess_shelf(after)), shelf_page(assess_shelf(after))
     assert data["shelf"] == shelf_data(assess_shelf(before))["shelf"]

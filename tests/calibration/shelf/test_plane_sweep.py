@@ -10,7 +10,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from calibration.drive import compose
 from calibration.shelf.plane import Foot
-from calibration.shelf.plane_sweep import REACH, Sweep, judged, sweep_plane
+from calibration.shelf.plane_sweep import REACH, PlaneSweep, judged, sweep_plane
 from palletloc.cameras import Equirectangular
 from palletloc.geometry import FloatArray
 from palletloc.io.recording import Recording, Shot
@@ -69,7 +69,7 @@ def swept(
     distance: float,
     sigma: float = 2.0,
     poses: FloatArray = POSES,
-) -> Sweep:
+) -> PlaneSweep:
     rng = np.random.default_rng(7)
     for i, pose in enumerate(poses):
         cv2.imwrite(str(folder / f"{i}.png"), drawn(pose, layers, sigma, rng).round().astype(np.uint8))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -30,11 +32,8 @@ def extrinsics(
     from calibration.motion.run import calibrate_motion  # numpy, cv2 and matplotlib take a second
     from calibration.run import calibrate_extrinsics
 
-    if out.suffix.lower() not in (".yaml", ".yml"):
-        raise PalletLocError(f"--out {out}: expected the name of a .yaml file")
-    progress = Console(stderr=True)
-    with progress.status("reading") as status:
-        told = status.update if progress.is_terminal else lambda _: None
+    _expect(out, ".yaml", ".yml")
+    with _progress() as told:
         if folder is not None and motion is None:
             outcome = calibrate_extrinsics(folder, out, told)
         elif motion is not None and folder is None:
@@ -54,8 +53,8 @@ def plan(
     """Predict how well planned targets will give the camera's pose, before anything is hung or driven."""
     from calibration.plan.run import plan_layout
 
-    if out is not None and out.suffix.lower() != ".html":
-        raise PalletLocError(f"--out {out}: expected the name of a .html file")
+    if out is not None:
+        _expect(out, ".html")
     _conclude(plan_layout(layout, out))
 
 
@@ -81,14 +80,11 @@ def shelf(
 
     if front not in [one.value for one in Front]:
         raise typer.BadParameter(f"--front {front}: expected uprights or pallets")
-    if out.suffix.lower() not in (".yaml", ".yml"):
-        raise PalletLocError(f"--out {out}: expected the name of a .yaml file")
+    _expect(out, ".yaml", ".yml")
     if (side is None) != (distance is None):
         raise typer.BadParameter("--side and --distance go together")
     tags = None if tag_size is None else TagsOnUprights(tag_dictionary, tag_size, tag_offset)
-    progress = Console(stderr=True)
-    with progress.status("reading") as status:
-        told = status.update if progress.is_terminal else lambda _: None
+    with _progress() as told:
         outcome = calibrate_shelf(recording, out, side, distance, Front(front), tags, told)
     _conclude(outcome)
 
@@ -106,13 +102,25 @@ def check(
     """Check whether the camera still sits on the forklift as a recording says."""
     from calibration.check.run import calibrate_check
 
-    if out is not None and out.suffix.lower() != ".html":
-        raise PalletLocError(f"--out {out}: expected the name of a .html file")
-    progress = Console(stderr=True)
-    with progress.status("reading") as status:
-        told = status.update if progress.is_terminal else lambda _: None
+    if out is not None:
+        _expect(out, ".html")
+    with _progress() as told:
         outcome = calibrate_check(recording, tolerance, out, told)
     _conclude(outcome)
+
+
+def _expect(out: Path, *suffixes: str) -> None:
+    """Refuse a name that does not end as what is written."""
+    if out.suffix.lower() not in suffixes:
+        raise PalletLocError(f"--out {out}: expected the name of a {suffixes[0]} file")
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[str], None]]:
+    """Show what a run is at, where somebody looks on."""
+    console = Console(stderr=True)
+    with console.status("reading") as status:
+        yield status.update if console.is_terminal else lambda _: None
 
 
 def _conclude(outcome: Outcome) -> None:
@@ -143,8 +151,7 @@ def board(
     from calibration.targets import CharucoBoard, SingleTag
     from palletloc.io.atomic import write_bytes
 
-    if out.suffix.lower() != ".pdf":
-        raise PalletLocError(f"--out {out}: expected the name of a .pdf file")
+    _expect(out, ".pdf")
     target = (
         SingleTag(marker / 1000, dictionary, first)
         if tag
@@ -167,12 +174,9 @@ def intrinsics(
     """Find the parameters of a lens, or of two, from shots of boards."""
     from calibration.intrinsics.run import calibrate_intrinsics
 
-    if out.suffix.lower() not in (".yaml", ".yml"):
-        raise PalletLocError(f"--out {out}: expected the name of a .yaml file")
-    progress = Console(stderr=True)
-    with progress.status("reading") as status:
-        tell = status.update if progress.is_terminal else lambda _: None
-        outcome = calibrate_intrinsics(folder, model, out, tell)
+    _expect(out, ".yaml", ".yml")
+    with _progress() as told:
+        outcome = calibrate_intrinsics(folder, model, out, told)
     _conclude(outcome)
 
 

@@ -13,9 +13,10 @@ from palletloc.geometry import LevelPose, wrap_angle
 from palletloc.level_check import WRONG_LEVEL, check_level, range_doubt
 from palletloc.measurement import HeightPrior, Reason, Stage
 from palletloc.refinement.alignment import FaceEstimate, fit_face, same_pose
-from palletloc.refinement.appearance import SHOWN, opening_contrasts
+from palletloc.refinement.appearance import opening_contrasts, shown_openings
 from palletloc.refinement.hypotheses import score_pose
-from palletloc.refinement.occlusion import Spans, hidden_part
+from palletloc.refinement.occluder import seen_before
+from palletloc.refinement.occlusion import Spans
 from palletloc.refinement.patch import FacePatch
 from palletloc.verification import WEAK_DOUBT, Signs, of_use, verify
 
@@ -114,8 +115,8 @@ def _is_certain(attempt: Candidate, config: LocalizerConfig) -> bool:
 
 def _contrast(patch: FacePatch, pose: LevelPose, candidate: Candidate, hidden: Spans = ()) -> float:
     """Return how clearly the less clear opening differs from the blocks beside it, NaN where that is not seen."""
-    shown = [hidden_part(one.left, one.right, hidden) < SHOWN for one in candidate.model.openings]
-    return float(opening_contrasts(patch, candidate.model, pose, hidden)[shown].min()) if any(shown) else 0.0
+    shown = shown_openings(candidate.model, hidden)
+    return float(opening_contrasts(patch, candidate.model, pose, hidden)[shown].min()) if shown.any() else 0.0
 
 
 def _fit(
@@ -143,7 +144,8 @@ def _fit(
     spans = face.seen.hidden
     contrast = float(np.nan_to_num(_contrast(patch, found, candidate, spans)))
     score, width = score_pose(patch, model, found, spans), face.seen.width_px(model.width)
-    signs = Signs(contrast, face.coverage, score, face.doubt, face.seen.hidden_part, width)
+    before = seen_before(patch, model, found, spans)
+    signs = Signs(contrast, face.coverage, score, face.doubt, face.seen.hidden_part, before, width)
     candidate.verification = verify(signs, config.verification)
     if candidate.height is not None and abs(found.z - height.z) > 4 * height.sigma:
         return candidate.refuse(Stage.VERIFICATION, Reason.OFF_LEVEL)

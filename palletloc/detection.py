@@ -25,6 +25,8 @@ from palletloc.template import face_template
 
 CLEAR_CONTRAST = 4.0
 """Contrast from which on more says nothing more."""
+ASIDE = (-0.04, -0.02, 0.0, 0.02, 0.04)
+"""How far to the right openings are looked for: a place is right to some centimetres, a block is 10 cm wide."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,11 +43,18 @@ class Detection:
     """Agreement of view and template, 0 to 1."""
     contrast: float
     """How clearly openings differ from blocks there; about 1 or less where there is no pallet."""
+    near: float
+    """The same for the clearest place within centimetres."""
 
     @property
     def promise(self) -> float:
         """How likely it is a pallet: a rank among detections."""
         return self.score * min(self.contrast, CLEAR_CONTRAST)
+
+    @property
+    def hope(self) -> float:
+        """The most that its promise may be, as it is right to some centimetres only."""
+        return self.score * min(self.near, CLEAR_CONTRAST)
 
 
 def detect(
@@ -111,11 +120,12 @@ def _detected(
         sites = refine(seen, template, steps, sites, part, config)
     sites = sites.chosen(np.flatnonzero(sites.score >= config.min_score))
     contrast = _contrast(seen, smooth, model, sites)
-    promise = sites.score * np.minimum(contrast, CLEAR_CONTRAST)
-    kept = spaced(sites, promise, config.max_candidates, model.height, config)
-    sites, contrast = sites.chosen(kept), contrast[kept]
-    found = zip(_poses(seen, sites), sites.score.tolist(), contrast.tolist(), strict=True)
-    return [Detection(model, pose, seen.level, score, clear) for pose, score, clear in found]
+    here = contrast[len(ASIDE) // 2]
+    kept = spaced(sites, sites.score * np.minimum(here, CLEAR_CONTRAST), config.max_candidates, model.height, config)
+    sites = sites.chosen(kept)
+    near = contrast[:, kept].max(axis=0).tolist()
+    found = zip(_poses(seen, sites), sites.score.tolist(), here[kept].tolist(), near, strict=True)
+    return [Detection(model, pose, seen.level, *shown) for pose, *shown in found]
 
 
 def _contrast(seen: ShelfView, smooth: Image, model: PalletModel, sites: Sites) -> FloatArray:
@@ -124,9 +134,11 @@ def _contrast(seen: ShelfView, smooth: Image, model: PalletModel, sites: Sites) 
     def placing(points: FloatArray) -> FloatArray:
         scale = 1 + (points[:, 0] * np.tan(sites.yaw[:, None]) + sites.depth[:, None]) / seen.distance
         up = seen.camera_height + (sites.height[:, None] + points[:, 1] - seen.camera_height) / scale
-        return np.stack([(sites.place[:, None] + points[:, 0]) / scale, up], axis=-1)
+        right = (sites.place[:, None, None] + np.array(ASIDE)[:, None] + points[:, 0]) / scale[:, None]
+        return np.stack(np.broadcast_arrays(right, up[:, None]), axis=-1).reshape(-1, len(points), 2)
 
-    return opening_contrasts(smooth, seen.view.grid, model, placing)
+    clear = opening_contrasts(smooth, seen.view.grid, model, placing)
+    return clear.reshape(-1, len(ASIDE)).T
 
 
 def _poses(seen: ShelfView, sites: Sites) -> list[LevelPose]:

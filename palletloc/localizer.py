@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from palletloc.aliases import ask_beside
 from palletloc.baselines import measure_as_in_paper, measure_jointly
 from palletloc.cameras.protocol import CameraModel
 from palletloc.candidate import Candidate, ShotView
@@ -168,8 +169,11 @@ class Localizer:
         )
         candidates = [self._detected(detection) for detection in detections]
         for i, (candidate, detection) in enumerate(zip(candidates, detections, strict=True)):
-            self._measure(shot, candidate, detection.promise, candidates[:i])
+            self._measure(shot, candidate, detection.hope, candidates[:i])
             self._challenge(shot, candidate)
+        exclude_overlaps(candidates)
+        for candidate in candidates:
+            ask_beside(shot, candidate, METHODS[self.method], self.config)
         exclude_overlaps(candidates)
         return Explanation(time, file, tuple(views), tuple(detections), tuple(candidates))
 
@@ -210,6 +214,7 @@ class Localizer:
         candidates = [self._looked_for_widely(shot, candidate) for candidate in candidates]
         for candidate in candidates:
             self._challenge(shot, candidate)
+            ask_beside(shot, candidate, METHODS[self.method], self.config)
         return Explanation(time, file, (), (), tuple(candidates))
 
     def _looked_for_widely(self, shot: ShotView, candidate: Candidate) -> Candidate:

@@ -27,8 +27,9 @@ USUAL_CONTRAST, USUAL_SCORE, USUAL_COVERAGE, USUAL_DOUBT = 2.0, 0.5, 0.65, 3.0
 """What pallets and other places show equally often."""
 NO_CONTRAST = 3.0
 """Evidence per factor e of a contrast below the usual one: few pallets have openings like their blocks."""
-HIDDEN = -10.0
-"""Evidence of a face that is wholly hidden: what seems to be hidden may as well not be there."""
+HIDDEN, EXPLAINED = -10.0, 7.0
+"""Evidence of a face that is wholly hidden: what seems to be hidden may as well not be there; and how much less it
+says where something is seen to stand there."""
 WEAK_DOUBT = 0.5
 """Doubt from which on a covariance grows where only the face gives yaw or distance."""
 NATS_PER_EDGE = 2.0
@@ -68,6 +69,8 @@ class Signs(NamedTuple):
     """How many edges are missing or contradict the others."""
     hidden: float = 0.0
     """Part of the face that something seems to stand before, 0 to 1."""
+    explained: float = 0.0
+    """That part of it where what stands before the face is seen, too."""
     width_px: float = math.inf
     """Width of the face in the image, in pixels."""
 
@@ -86,6 +89,11 @@ class Verification:
         """How much all signs together speak for a pallet, in nats."""
         total = sum(_evidence(self.signs))
         return total if total < 0 else total * min(1.0, self.signs.width_px / ENOUGH_PX)
+
+    @property
+    def shown(self) -> float:
+        """The same without what stands before it: of two places for one pallet more of the better one is seen."""
+        return sum(_evidence(self.signs._replace(explained=0.0)))
 
     @property
     def rank(self) -> float:
@@ -120,7 +128,8 @@ def _evidence(signs: Signs) -> tuple[float, float]:
     contrast = math.log(min(max(signs.contrast, 0.2), CLEAR_CONTRAST) / USUAL_CONTRAST)
     between = (CONTRAST if contrast > 0 else NO_CONTRAST) * contrast
     edges = SCORE * (min(max(signs.score, 0.0), 1.0) - USUAL_SCORE) + COVERAGE * (signs.coverage - USUAL_COVERAGE)
-    missing = DOUBT * math.log((max(signs.doubt, 0.0) + 0.5) / USUAL_DOUBT) + HIDDEN * signs.hidden
+    missing = DOUBT * math.log((max(signs.doubt, 0.0) + 0.5) / USUAL_DOUBT)
+    missing += HIDDEN * signs.hidden + EXPLAINED * signs.explained
     return between, edges + missing
 
 

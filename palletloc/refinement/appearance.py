@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from palletloc.geometry import FloatArray, LevelPose
+from palletloc.geometry import BoolArray, FloatArray, LevelPose
 from palletloc.pallet import PalletModel
 from palletloc.refinement.occlusion import Spans, hidden_part
 from palletloc.refinement.patch import FacePatch
@@ -16,8 +16,8 @@ POINTS = (9, 5)
 """Points in each block and each opening, along and up: odd in all, for one of them to be the middle one."""
 MARGIN = 0.15
 """Part of a block's or an opening's size that is left out on each side."""
-SHOWN = 0.3
-"""Part of a block or an opening that may be hidden where it counts."""
+SHOWN = 0.7
+"""Least part of a block or an opening that nothing stands before where it counts."""
 NOISE = 2.0
 """Differences below this are noise, in gray levels."""
 
@@ -34,7 +34,7 @@ def opening_contrasts(patch: FacePatch, model: PalletModel, pose: LevelPose, hid
     pose : LevelPose
         ``forklift_from_pallet``.
     hidden : sequence of (left, right)
-        Stretches of the face that something stands before, in metres: their blocks do not count.
+        Stretches of the face that something stands before, in metres: what they cover does not count.
 
     Returns
     -------
@@ -51,18 +51,41 @@ def opening_contrasts(patch: FacePatch, model: PalletModel, pose: LevelPose, hid
     if not inside.all() or not patch.view.valid[row, column].all():
         return np.full(len(model.openings), np.nan)
     seen = patch.smooth[row, column].reshape(*points.shape[:2], -1).astype(np.float64)
+    weight, part = _weights(points, hidden)
     count = len(model.blocks)
-    mean = np.einsum("bnc->bc", seen[:count]) / seen.shape[1]
-    within = _squares(seen[:count] - mean[:, None]).mean(axis=1)
-    shown = np.array([hidden_part(left, right, hidden) < SHOWN for left, right in model.blocks])
+    mean = np.einsum("bn,bnc->bc", weight[:count], seen[:count])
+    within = np.einsum("bn,bn->b", weight[:count], _squares(seen[:count] - mean[:, None]))
     # where one block is hidden the other has to do, where both are it makes no difference
-    left, right = (np.where(shown[:-1] | shown[1:], part, True) for part in (shown[:-1], shown[1:]))
+    left, right = _counted(part[: count - 1], part[1:count]), _counted(part[1:count], part[: count - 1])
     parts = np.stack([left, right]) / (left.astype(int) + right)
     center = parts[0, :, None] * mean[:-1] + parts[1, :, None] * mean[1:]
     between = parts[0] * parts[1] * ((mean[:-1] - mean[1:]) ** 2).sum(axis=1)
     spread = np.sqrt(parts[0] * within[:-1] + parts[1] * within[1:] + between + NOISE**2)
-    away = np.sort(_squares(seen[count:] - center[:, None]), axis=1)[:, seen.shape[1] // 2]
-    return np.asarray(np.sqrt(away) / spread)
+    away = _squares(seen[count:] - center[:, None])
+    away = np.sort(np.where(weight[count:] > 0, away, np.inf), axis=1)
+    middle = np.count_nonzero(weight[count:], axis=1) // 2
+    return np.asarray(np.sqrt(away[np.arange(len(away)), middle]) / spread)
+
+
+def shown_openings(model: PalletModel, hidden: Spans) -> BoolArray:
+    """Return (openings,) which of a face's openings are seen well enough to be compared with the blocks."""
+    return np.array([1 - hidden_part(one.left, one.right, hidden) >= SHOWN for one in model.openings])
+
+
+def _counted(one: FloatArray, other: FloatArray) -> BoolArray:
+    """Tell which blocks count: those that are seen, and where neither of two neighbours is, both."""
+    return np.asarray((one >= SHOWN) | (other < SHOWN))
+
+
+def _weights(points: FloatArray, hidden: Spans) -> tuple[FloatArray, FloatArray]:
+    """Return (blocks and openings, n) weights of points that sum up to 1, and which part of each nothing hides."""
+    right = points[..., 0]
+    seen = np.ones(right.shape)
+    for low, high in hidden:
+        seen[(right > low) & (right < high)] = 0.0
+    part = seen.mean(axis=1)
+    seen[part == 0] = 1.0
+    return seen / seen.sum(axis=1, keepdims=True), part
 
 
 def _squares(colours: FloatArray) -> FloatArray:

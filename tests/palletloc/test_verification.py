@@ -141,6 +141,17 @@ def test_what_seems_hidden_speaks_against_a_pallet(sign: tuple[float, float, flo
     assert covered.rank <= shown.rank
 
 
+@given(signs, st.floats(0.05, 1.0), st.floats(0.0, 1.0))
+def test_what_stands_before_a_face_explains_a_part_of_what_is_hidden(
+    sign: tuple[float, float, float, float], hidden: float, share: float
+) -> None:
+    plain, covered = verify(Signs(*sign), CONFIG), verify(Signs(*sign, hidden), CONFIG)
+    explained = verify(Signs(*sign, hidden, share * hidden), CONFIG)
+    assert covered.evidence <= explained.evidence <= plain.evidence
+    assert explained.shown == pytest.approx(covered.shown)
+    assert verify(Signs(*sign, hidden, hidden), CONFIG).evidence > covered.evidence
+
+
 def test_every_sign_counts() -> None:
     plain = verify(Signs(2.0, 0.5, 0.5, 2.0), CONFIG).rank
     for better in ((3.0, 0.5, 0.5, 2.0), (2.0, 0.7, 0.5, 2.0), (2.0, 0.5, 0.6, 2.0), (2.0, 0.5, 0.5, 1.0)):

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
@@ -25,8 +26,9 @@ from palletloc.template import face_template
 
 CLEAR_CONTRAST = 4.0
 """Contrast from which on more says nothing more."""
-ASIDE = (-0.04, -0.02, 0.0, 0.02, 0.04)
-"""How far to the right openings are looked for: a place is right to some centimetres, a block is 10 cm wide."""
+NEARBY = tuple(product((-0.04, -0.02, 0.0, 0.02, 0.04), (-0.03, 0.0, 0.03)))
+"""Where around a place openings are looked for, to the right and upwards: it is right to some centimetres, and of
+those in depth the view from above or below makes height."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,26 +121,39 @@ def _detected(
     for part in (1.0, 0.3) if steps.free else (1.0,):  # the first pass leaves more open where the height is free
         sites = refine(seen, template, steps, sites, part, config)
     sites = sites.chosen(np.flatnonzero(sites.score >= config.min_score))
-    contrast = _contrast(seen, smooth, model, sites)
-    here = contrast[len(ASIDE) // 2]
-    kept = spaced(sites, sites.score * np.minimum(here, CLEAR_CONTRAST), config.max_candidates, model.height, config)
-    sites = sites.chosen(kept)
-    near = contrast[:, kept].max(axis=0).tolist()
-    found = zip(_poses(seen, sites), sites.score.tolist(), here[kept].tolist(), near, strict=True)
+    contrast = _contrast(seen, smooth, model, sites)[:, 0]
+    kept = spaced(
+        sites, sites.score * np.minimum(contrast, CLEAR_CONTRAST), config.max_candidates, model.height, config
+    )
+    sites, contrast = sites.chosen(kept), contrast[kept].tolist()
+    near = _contrast(seen, smooth, model, sites, NEARBY).max(axis=1).tolist()
+    found = zip(_poses(seen, sites), sites.score.tolist(), contrast, near, strict=True)
     return [Detection(model, pose, seen.level, *shown) for pose, *shown in found]
 
 
-def _contrast(seen: ShelfView, smooth: Image, model: PalletModel, sites: Sites) -> FloatArray:
-    """Return the contrast of openings and blocks, as the view of the nominal plane shows them."""
+def _contrast(
+    seen: ShelfView,
+    smooth: Image,
+    model: PalletModel,
+    sites: Sites,
+    around: Sequence[tuple[float, float]] = ((0.0, 0.0),),
+) -> FloatArray:
+    """Return the contrast of openings and blocks, as the view of the nominal plane shows them.
+
+    Parameters beside those of `_detected`: ``around`` are m shifts to the right and upwards, in metres. Returns (n, m).
+    """
+    aside, lift = np.array(around).T[..., None]
 
     def placing(points: FloatArray) -> FloatArray:
         scale = 1 + (points[:, 0] * np.tan(sites.yaw[:, None]) + sites.depth[:, None]) / seen.distance
-        up = seen.camera_height + (sites.height[:, None] + points[:, 1] - seen.camera_height) / scale
-        right = (sites.place[:, None, None] + np.array(ASIDE)[:, None] + points[:, 0]) / scale[:, None]
-        return np.stack(np.broadcast_arrays(right, up[:, None]), axis=-1).reshape(-1, len(points), 2)
+        right, up = (
+            sites.place[:, None, None] + aside + points[:, 0],
+            sites.height[:, None, None] + lift + points[:, 1],
+        )
+        up = seen.camera_height + (up - seen.camera_height) / scale[:, None]
+        return np.stack([right / scale[:, None], up], axis=-1).reshape(-1, len(points), 2)
 
-    clear = opening_contrasts(smooth, seen.view.grid, model, placing)
-    return clear.reshape(-1, len(ASIDE)).T
+    return opening_contrasts(smooth, seen.view.grid, model, placing).reshape(-1, len(around))
 
 
 def _poses(seen: ShelfView, sites: Sites) -> list[LevelPose]:

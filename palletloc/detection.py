@@ -140,7 +140,8 @@ def _contrast(
 ) -> FloatArray:
     """Return the contrast of openings and blocks, as the view of the nominal plane shows them.
 
-    Parameters beside those of `_detected`: ``around`` are m shifts to the right and upwards, in metres. Returns (n, m).
+    Parameters beside those of `_detected`: ``around`` are m shifts to the right and upwards, in metres.
+    Returns (n, m).
     """
     aside, lift = np.array(around).T[..., None]
 

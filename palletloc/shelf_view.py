@@ -46,7 +46,7 @@ class DetectionConfig:
     """How far a pallet's yaw may be off the shelf's, in degrees."""
     heights: tuple[float, float] = (-0.02, 3.5)
     """Between which heights pallets are looked for where no levels are known, in metres."""
-    min_score: float = 0.34
+    min_score: float = 0.31
     """Least agreement of view and template, 0 to 1."""
     min_spacing: float = 0.25
     """Least distance along the shelf between two candidates, in metres."""

@@ -37,7 +37,7 @@ def ask_beside(shot: ShotView, candidate: Candidate, measure: Measure, config: L
         return
     found = candidate.pose
     for aside in _pitches(candidate.model):
-        rival = Candidate(candidate.model, _beside(found, aside), candidate.height)
+        rival = Candidate(candidate.model, _beside(found, aside), candidate.height, yaws=candidate.yaws)
         measure(shot, rival, config)
         more = _more_shown(rival, candidate)
         if more < 0:

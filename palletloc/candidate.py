@@ -48,6 +48,8 @@ class Candidate:
     """What is known of its height."""
     score: float = 0.0
     """Of its detection, 0 to 1."""
+    yaws: tuple[float, float] | None = None
+    """Between which yaws it may stand, in radians; None where nothing says so."""
     lines: list[BoundaryLine] = field(default_factory=list)
     """Lines that the Hough transform found on the first horizontal view."""
     horizontal: list[HorizontalView] = field(default_factory=list)

@@ -30,6 +30,9 @@ NEARBY = tuple(product((-0.04, -0.02, 0.0, 0.02, 0.04), (-0.03, 0.0, 0.03)))
 """Where around a place openings are looked for, to the right and upwards: it is right to some centimetres, and of
 those in depth the view from above or below makes height."""
 
+YAW_SLACK_DEG = 1.0
+"""How far beyond its reach a yaw is still looked for, in degrees: where the best one is, there is one beside it."""
+
 
 @dataclass(frozen=True, slots=True)
 class Detection:
@@ -47,6 +50,8 @@ class Detection:
     """How clearly openings differ from blocks there; about 1 or less where there is no pallet."""
     near: float
     """The same for the clearest place within centimetres."""
+    yaws: tuple[float, float]
+    """Between which yaws a pallet may stand on this shelf, in radians."""
 
     @property
     def promise(self) -> float:
@@ -128,7 +133,9 @@ def _detected(
     sites, contrast = sites.chosen(kept), contrast[kept].tolist()
     near = _contrast(seen, smooth, model, sites, NEARBY).max(axis=1).tolist()
     found = zip(_poses(seen, sites), sites.score.tolist(), contrast, near, strict=True)
-    return [Detection(model, pose, seen.level, *shown) for pose, *shown in found]
+    turn = steps.turn + np.radians(YAW_SLACK_DEG)
+    yaws = seen.yaw - turn, seen.yaw + turn
+    return [Detection(model, pose, seen.level, score, clear, most, yaws) for pose, score, clear, most in found]
 
 
 def _contrast(

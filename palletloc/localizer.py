@@ -245,7 +245,7 @@ class Localizer:
 
     def _detected(self, detection: Detection) -> Candidate:
         height = None if detection.level is None else HeightPrior(detection.level, self.config.prior.level_sigma)
-        return Candidate(detection.model, detection.forklift_from_pallet, height, detection.score)
+        return Candidate(detection.model, detection.forklift_from_pallet, height, detection.score, detection.yaws)
 
     def _given(self, start: Start, levels: Sequence[float]) -> Candidate:
         pose, prior = start.forklift_from_pallet, self.config.prior

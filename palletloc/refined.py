@@ -36,6 +36,7 @@ def measure_refined(shot: ShotView, candidate: Candidate, config: LocalizerConfi
         candidate.model,
         candidate.height,
         config.search,
+        candidate.yaws,
     )
     if isinstance(looked, Reason):
         return candidate.refuse(Stage.SEARCH, looked)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palletloc.cameras.protocol import CameraModel
-from palletloc.geometry import FloatArray, Image, LevelPose
+from palletloc.geometry import FloatArray, Image, LevelPose, wrap_angle
 from palletloc.measurement import HeightPrior, Reason
 from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
@@ -54,6 +54,7 @@ def search(
     model: PalletModel,
     height: HeightPrior | None,
     config: SearchConfig,
+    yaws: tuple[float, float] | None = None,
 ) -> Search | Reason:
     """Score pose hypotheses around a start.
 
@@ -73,6 +74,8 @@ def search(
         What is known of the height: then the face slides on its level, else along the viewing ray.
     config : SearchConfig
         Where to look.
+    yaws : (low, high) or None
+        Between which yaws the pallet may stand, in radians.
 
     Returns
     -------
@@ -86,9 +89,9 @@ def search(
     finest = _resolution(projector.camera, mounting, base, model)
     if finest is None:
         return Reason.OUT_OF_VIEW
-    resolution = finest
+    resolution, turns = finest, _turns(base.yaw, yaws, config)
     while True:
-        grid = _grid(plane, model, height is None, resolution, config)
+        grid = _grid(plane, model, height is None, resolution, config, turns)
         extent = _extent(plane, model, grid)
         area = (extent[1] - extent[0]) * (extent[3] - extent[2]) / resolution**2
         if area <= LARGEST:
@@ -103,7 +106,7 @@ def search(
     if resolution == finest:
         return Search(patch, found)
     closer = _closer(grid, plane, config)
-    around = [search(projector, image, mounting, peak.pose, model, height, closer) for peak in found.peaks]
+    around = [search(projector, image, mounting, peak.pose, model, height, closer, yaws) for peak in found.peaks]
     return Search(patch, found, tuple(one for one in around if not isinstance(one, Reason)))
 
 
@@ -143,7 +146,12 @@ def _resolution(camera: CameraModel, mounting: Mounting, base: LevelPose, model:
 
 
 def _grid(
-    plane: FloatArray, model: PalletModel, sliding: bool, resolution: float, config: SearchConfig
+    plane: FloatArray,
+    model: PalletModel,
+    sliding: bool,
+    resolution: float,
+    config: SearchConfig,
+    reach: tuple[float, float],
 ) -> HypothesisGrid:
     """Space the hypotheses so that no edge moves farther than the patch tolerates from one to the next."""
     x, y, z = plane
@@ -153,11 +161,19 @@ def _grid(
     away = float(np.hypot(x, z))
     nearer = min(config.nearer, away - MIN_DISTANCE * away / z, 0.5 * away)
     ranges = _spread(-nearer / away, config.farther / away, tolerance / extent) + 1
-    turn = float(np.radians(config.turn_deg))
-    turns = _spread(-turn, turn, min(tolerance * z / (half * extent), np.radians(4.0)))
+    turns = _spread(*reach, min(tolerance * z / (half * extent), np.radians(4.0)))
     places = _spread(-config.sideways, config.sideways, tolerance)
     rises = _spread(-config.upward, config.upward, tolerance) if sliding else np.zeros(1)
     return HypothesisGrid(turns, ranges, places, rises, sliding)
+
+
+def _turns(yaw: float, yaws: tuple[float, float] | None, config: SearchConfig) -> tuple[float, float]:
+    """Return how far a start may be turned to either side, in radians: as far as is searched and may be."""
+    turn = float(np.radians(config.turn_deg))
+    if yaws is None:
+        return -turn, turn
+    low, high = (wrap_angle(end - yaw) for end in yaws)
+    return (max(-turn, low), min(turn, high)) if low <= 0.0 <= high else (-turn, turn)
 
 
 def _spread(low: float, high: float, step: float) -> FloatArray:

@@ -145,3 +145,17 @@ def test_a_level_too_high_to_be_seen_does_not_keep_the_others_from_being_searche
 def test_a_plane_behind_the_camera_is_refused(floor_shot: ShotView, epal: PalletModel) -> None:
     with pytest.raises(ShelfPlaneError):
         detected(floor_shot, [epal], replace(SHELF, facing=np.pi / 2))
+
+
+def test_the_yaws_that_may_be_surround_the_shelf_s_and_every_pallet_s(
+    floor_shot: ShotView, floor_pallets: tuple[Placed, ...]
+) -> None:
+    for off in (-1.5, 0.0, 1.5):
+        shelf = replace(SHELF, facing=SHELF.facing + np.radians(off))
+        found, _ = detected(floor_shot, [model for model, _ in floor_pallets], shelf)
+        for one in found:
+            low, high = one.yaws
+            assert low < one.forklift_from_pallet.yaw < high
+            assert (low + high) / 2 == pytest.approx(shelf.yaw)
+            assert high - low > 2 * np.radians(CONFIG.plane_yaw_deg + CONFIG.pallet_yaw_deg)
+            assert all(low < pose.yaw < high for _, pose in floor_pallets)

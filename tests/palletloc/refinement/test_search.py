@@ -226,3 +226,30 @@ def test_however_near_the_camera_a_start_lies_the_search_ends_with_a_result_or_a
         for up in (-z, -0.1, 0.5):
             start = LevelPose(x + 0.3, y + away, z + up, LEFT + float(np.radians(turn_deg)))
             assert isinstance(looked(rack_shot, start, t11, None, FAR), Search | Reason)
+
+
+@pytest.mark.parametrize("side", [LEFT, -LEFT, np.pi - 0.02])
+def test_nothing_is_looked_for_beyond_the_yaws_that_may_be(side: float, portrait: Portrait, t11: PalletModel) -> None:
+    ahead = np.array([np.cos(side), np.sin(side)])
+    pose = LevelPose(0.3 + 2.2 * float(ahead[0]), -0.08 + 2.2 * float(ahead[1]), 0.0, side)
+    shot, reach = portrait(t11, pose), np.radians(2.0)
+    start = replace(pose, yaw=float(wrap_angle(pose.yaw + np.radians(1.5))))
+    where = shot.projector, shot.image, shot.mounting, start, t11, FLOOR, NEAR
+    narrow = search(*where, (float(wrap_angle(pose.yaw - reach)), float(wrap_angle(pose.yaw + reach))))
+    assert isinstance(narrow, Search)
+    turns = start.yaw + narrow.found.grid.turns - pose.yaw
+    assert np.abs(wrap_angle(turns)).max() <= reach + 1e-9
+    assert np.ptp(turns) == pytest.approx(2 * reach)
+    metres, degrees = apart(narrow.starts[0][0], pose)
+    assert metres < 0.05
+    assert degrees < 2.0
+
+
+def test_a_start_beyond_the_yaws_that_may_be_is_looked_at_as_far_as_any(portrait: Portrait, t11: PalletModel) -> None:
+    pose = LevelPose(0.9, 2.0, 0.0, LEFT)
+    shot = portrait(t11, pose)
+    where = shot.projector, shot.image, shot.mounting, pose, t11, FLOOR, NEAR
+    free, elsewhere = search(*where), search(*where, (0.0, 0.2))
+    assert isinstance(free, Search)
+    assert isinstance(elsewhere, Search)
+    assert np.array_equal(free.found.grid.turns, elsewhere.found.grid.turns)

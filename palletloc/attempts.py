@@ -15,7 +15,7 @@ from palletloc.measurement import HeightPrior, Reason, Stage
 from palletloc.refinement.alignment import FaceEstimate, fit_face, same_pose
 from palletloc.refinement.appearance import opening_contrasts, shown_openings
 from palletloc.refinement.hypotheses import score_pose
-from palletloc.refinement.occluder import seen_before
+from palletloc.refinement.occluder import posts, seen_before
 from palletloc.refinement.occlusion import Spans
 from palletloc.refinement.patch import FacePatch
 from palletloc.verification import WEAK_DOUBT, Signs, of_use, verify
@@ -142,7 +142,9 @@ def _fit(
     found = face.forklift_from_pallet
     candidate.pose, candidate.covariance = found, face.covariance
     spans = face.seen.hidden
-    contrast = float(np.nan_to_num(_contrast(patch, found, candidate, spans)))
+    covered = (*spans, *posts(patch, model, found))
+    bare = covered if shown_openings(model, covered).any() else spans
+    contrast = float(np.nan_to_num(_contrast(patch, found, candidate, bare)))
     score, width = score_pose(patch, model, found, spans), face.seen.width_px(model.width)
     before = seen_before(patch, model, found, spans)
     signs = Signs(contrast, face.coverage, score, face.doubt, face.seen.hidden_part, before, width)

@@ -1,4 +1,7 @@
-"""What stands before a face is seen beside it, too: below a hidden stretch it looks unlike below the others."""
+"""What stands before a face is seen below it, too: there it looks unlike the floor or the beam beside it.
+
+It tells what hides edges from a place where there are none, and blocks and openings that are covered from bare ones.
+"""
 
 from __future__ import annotations
 
@@ -16,8 +19,13 @@ COLUMNS, ROWS = 60, 4
 UNLIKE = 4.0
 """Difference of colours from which on it is another thing, in spreads of the floor's or the beam's: shadows and
 grain make about one."""
+LIKE = 0.3
+"""Difference of colours between what is seen below and on the face, over that from the floor, up to which it is one
+thing."""
 FEWEST = 2
 """Fewest columns of points that are compared."""
+FACE_ROWS, FACE_MARGIN = 8, 0.02
+"""Points on the face, upwards, and their distance from its edges, in metres."""
 NOISE = 2.0
 """Differences below this are noise, in gray levels."""
 
@@ -46,15 +54,13 @@ def seen_before(patch: FacePatch, model: PalletModel, pose: LevelPose, hidden: S
     """
     if not hidden:
         return 0.0
-    right = (np.arange(COLUMNS) + 0.5) / COLUMNS * model.width - model.width / 2
-    colours, seen = _strip(patch, pose, right)
+    right = _columns(model)
+    colours, seen = _strip(patch, pose, right, np.linspace(*BELOW, ROWS))
     behind = [(right > low) & (right < high) for low, high in hidden]
     free = seen & ~np.any(behind, axis=0)
     if np.count_nonzero(free) < FEWEST:
         return 0.0
-    usual = np.median(colours[free], axis=(0, 1))
-    away = np.sqrt(np.square(colours - usual).sum(axis=2))
-    spread = np.hypot(np.median(away[free]), NOISE)
+    away, spread = _unlike(colours, free)
     total = 0.0
     for (low, high), stretch in zip(hidden, behind, strict=True):
         there = stretch & seen
@@ -63,13 +69,57 @@ def seen_before(patch: FacePatch, model: PalletModel, pose: LevelPose, hidden: S
     return total
 
 
-def _strip(patch: FacePatch, pose: LevelPose, right: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Return (columns, rows, channels) colours below a face, and which columns are seen."""
-    points = np.stack(np.meshgrid(right, np.linspace(*BELOW, ROWS), indexing="ij"), axis=-1).reshape(-1, 2)
+def posts(patch: FacePatch, model: PalletModel, pose: LevelPose) -> Spans:
+    """Return the stretches of a face before which something stands that is seen on the face and below it.
+
+    Parameters
+    ----------
+    patch, model, pose
+        As for `seen_before`.
+
+    Returns
+    -------
+    tuple of (left, right)
+        In metres on the face, from left to right. Narrower ones than those that hide edges count, too.
+    """
+    right = _columns(model)
+    below, seen = _strip(patch, pose, right, np.linspace(*BELOW, ROWS))
+    face, on_face = _strip(patch, pose, right, np.linspace(FACE_MARGIN, model.height - FACE_MARGIN, FACE_ROWS))
+    seen &= on_face
+    if np.count_nonzero(seen) < FEWEST:
+        return ()
+    away, spread = _unlike(below, seen)
+    away = np.median(away, axis=1)
+    step = np.sqrt(np.square(np.median(below, axis=1) - np.median(face, axis=1)).sum(axis=1))
+    covered = seen & (away > UNLIKE * spread) & (step < LIKE * away)
+    ends = np.flatnonzero(np.diff(np.concatenate([[0], covered.astype(int), [0]]))).reshape(-1, 2)
+    width = model.width / COLUMNS
+    return tuple(
+        (first * width - model.width / 2, last * width - model.width / 2)
+        for first, last in ends.tolist()
+        if last - first >= FEWEST
+    )
+
+
+def _columns(model: PalletModel) -> FloatArray:
+    """Return the middles of the columns of points, in metres to the right."""
+    return np.asarray((np.arange(COLUMNS) + 0.5) / COLUMNS * model.width - model.width / 2)
+
+
+def _unlike(colours: FloatArray, where: BoolArray) -> tuple[FloatArray, float]:
+    """Return how far (columns, rows) colours are from what is usual in some columns, and the spread of that."""
+    usual = np.median(colours[where], axis=(0, 1))
+    away = np.sqrt(np.square(colours - usual).sum(axis=2))
+    return away, float(np.hypot(np.median(away[where]), NOISE))
+
+
+def _strip(patch: FacePatch, pose: LevelPose, right: FloatArray, up: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Return (columns, rows, channels) colours at places on the face's plane, and which columns are seen."""
+    points = np.stack(np.meshgrid(right, up, indexing="ij"), axis=-1).reshape(-1, 2)
     column, row = np.rint(patch.view.grid.pixels(patch.appearing(pose, points))).astype(np.intp).T
     rows, columns = patch.smooth.shape[:2]
     inside = (column >= 0) & (row >= 0) & (column < columns) & (row < rows)
     row, column = row.clip(0, rows - 1), column.clip(0, columns - 1)
     inside &= patch.view.valid[row, column]
-    colours = patch.smooth[row, column].reshape(len(right), ROWS, -1).astype(np.float64)
-    return colours, np.asarray(inside.reshape(-1, ROWS).all(axis=1))
+    colours = patch.smooth[row, column].reshape(len(right), len(up), -1).astype(np.float64)
+    return colours, np.asarray(inside.reshape(len(right), -1).all(axis=1))

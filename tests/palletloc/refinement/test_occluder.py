@@ -11,7 +11,7 @@ from palletloc.geometry import FloatArray, Image, LevelPose
 from palletloc.pallet import PalletModel
 from palletloc.plane import PALLET_FROM_VERTICAL
 from palletloc.projection import Projector
-from palletloc.refinement.occluder import seen_before
+from palletloc.refinement.occluder import posts, seen_before
 from palletloc.refinement.patch import FacePatch, view_patch
 
 CAMERA = Pinhole(640, 480, 380.0, 380.0, 319.5, 239.5)
@@ -70,3 +70,22 @@ def test_nothing_is_explained_where_nothing_is_hidden_or_nothing_is_left(
     assert seen_before(patch, epal, POSE, [(-0.6, 0.6)]) == 0.0
     lifted = LevelPose(POSE.x, POSE.y, POSE.z - 0.3, POSE.yaw)  # what is below the face is out of the view
     assert seen_before(patch, epal, lifted, [(-0.4, -0.2)]) == 0.0
+
+
+@pytest.mark.parametrize("gray", [20.0, 230.0])
+@pytest.mark.parametrize(("left", "right"), [(-0.6, -0.5), (0.3, 0.36), (0.5, 0.6)])
+def test_a_post_before_a_face_is_seen_where_it_stands(
+    paint_plane: Paints, epal: PalletModel, left: float, right: float, gray: float
+) -> None:
+    ((low, high),) = posts(seen(paint_plane, {(left, right, -1.0): gray}), epal, POSE)
+    assert low == pytest.approx(left, abs=0.025)
+    assert high == pytest.approx(right, abs=0.025)
+
+
+def test_what_is_only_on_the_face_or_only_below_it_is_no_post(paint_plane: Paints, epal: PalletModel) -> None:
+    label = seen(paint_plane, {(-0.2, 0.1, 0.02): 20.0})
+    assert posts(label, epal, POSE) == ()
+    line = seen(paint_plane, {(-0.2, 0.1, -1.0): 20.0, (-0.25, 0.15, 0.0): FACE})
+    assert posts(line, epal, POSE) == ()
+    lifted = LevelPose(POSE.x, POSE.y, POSE.z - 0.3, POSE.yaw)
+    assert posts(label, epal, lifted) == ()

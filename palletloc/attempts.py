@@ -133,8 +133,19 @@ def _fit(
         candidate.yaw_from = candidate.yaw.source
     yaw = candidate.yaw_prior
     spread = float(np.radians(config.prior.yaw_sigma_deg))
+    before = posts(patch, model, pose)
     face = fit_face(
-        shot.projector.camera, shot.image, shot.mounting, pose, model, height, yaw, spread, config.face_fit, known
+        shot.projector.camera,
+        shot.image,
+        shot.mounting,
+        pose,
+        model,
+        height,
+        yaw,
+        spread,
+        config.face_fit,
+        known,
+        before,
     )
     if isinstance(face, Reason):
         return candidate.refuse(Stage.POSITION, face)
@@ -146,8 +157,8 @@ def _fit(
     bare = covered if shown_openings(model, covered).any() else spans
     contrast = float(np.nan_to_num(_contrast(patch, found, candidate, bare)))
     score, width = score_pose(patch, model, found, spans), face.seen.width_px(model.width)
-    before = seen_before(patch, model, found, spans)
-    signs = Signs(contrast, face.coverage, score, face.doubt, face.seen.hidden_part, before, width)
+    explained = seen_before(patch, model, found, spans)
+    signs = Signs(contrast, face.coverage, score, face.doubt, face.seen.hidden_part, explained, width)
     candidate.verification = verify(signs, config.verification)
     if candidate.height is not None and abs(found.z - height.z) > 4 * height.sigma:
         return candidate.refuse(Stage.VERIFICATION, Reason.OFF_LEVEL)

@@ -25,7 +25,7 @@ from palletloc.plane import PALLET_FROM_VERTICAL
 from palletloc.refinement.agreement import LevelYaw, level_yaw
 from palletloc.refinement.depth_edges import visible_depth_edges
 from palletloc.refinement.edges import EdgeReach, SeenFace, measure_face
-from palletloc.refinement.occlusion import hidden_part, is_hidden
+from palletloc.refinement.occlusion import Spans, hidden_part, is_hidden
 from palletloc.refinement.parallax import look_behind
 from palletloc.refinement.system import USED_WEIGHT, FaceSolution, FaceSystem
 
@@ -136,6 +136,7 @@ def fit_face(
     yaw_spread: float,
     config: FaceFitConfig,
     known: Sequence[LevelPose] = (),
+    posts: Spans = (),
 ) -> FaceEstimate | Reason:
     """Fit the pose of a face to its edges.
 
@@ -161,6 +162,8 @@ def fit_face(
         Parameters.
     known : sequence of LevelPose
         Poses that other starts led to: the fit ends where it comes to one of them.
+    posts : sequence of (left, right)
+        Stretches of the face that something is seen to stand before, in metres.
 
     Returns
     -------
@@ -173,7 +176,7 @@ def fit_face(
     for i in range(config.iterations):
         upright = max(config.reach, config.first_reach / 2**i)
         reach = EdgeReach(config.reach, upright, config.reach_px, CUT_SPACING_PX, faint=i > 0, settled=i > 0)
-        seen = _seen(camera, image, mounting, pose, model, reach, config)
+        seen = _seen(camera, image, mounting, pose, model, reach, posts, config)
         if isinstance(seen, Reason):
             return seen
         system = FaceSystem(seen, pose, mounting, model)
@@ -271,6 +274,7 @@ def _seen(
     pose: LevelPose,
     model: PalletModel,
     reach: EdgeReach,
+    posts: Spans,
     config: FaceFitConfig,
 ) -> SeenFace | Reason:
     """Return the face at a pose with the edges that count."""
@@ -278,7 +282,7 @@ def _seen(
     plane_from_camera = face[:3, :3].T @ (mounting.center - face[:3, 3])
     if plane_from_camera[2] < MIN_DISTANCE:
         return Reason.BEHIND_FACE
-    seen = measure_face(camera, image, mounting.camera_from_forklift @ face, plane_from_camera, model, reach)
+    seen = measure_face(camera, image, mounting.camera_from_forklift @ face, plane_from_camera, model, reach, posts)
     if seen is None:
         return Reason.OUT_OF_VIEW
     seen = replace(seen, edges=tuple(one for one in seen.edges if one.fit.coverage >= config.min_coverage))

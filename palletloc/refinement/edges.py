@@ -15,7 +15,7 @@ from palletloc.face import EdgeKind, EdgeShift, FaceEdge, edge_shift, face_lines
 from palletloc.geometry import FloatArray, Image
 from palletloc.pallet import PalletModel
 from palletloc.refinement.cuts import face_cuts
-from palletloc.refinement.occlusion import hidden_spans, is_hidden
+from palletloc.refinement.occlusion import Spans, hidden_spans, is_hidden, joined
 from palletloc.refinement.profiles import Profiles, Samples, cut_profiles
 
 SMOOTHING_PX = 1.0
@@ -121,6 +121,7 @@ def measure_face(
     plane_from_camera: FloatArray,
     model: PalletModel,
     reach: EdgeReach,
+    posts: Spans = (),
 ) -> SeenFace | None:
     """Measure the edges of a face in the shot.
 
@@ -138,6 +139,8 @@ def measure_face(
         The pallet.
     reach : EdgeReach
         How far to look.
+    posts : sequence of (left, right)
+        Stretches of the face that something is seen to stand before, in metres.
 
     Returns
     -------
@@ -167,7 +170,7 @@ def measure_face(
         peaks, faint = _fits(profiles, FAINT_SMOOTHING_PX)
         fits = [_clearer(*both) for both in zip(fits, faint, strict=True)]
     belongs = np.maximum(BELONGS_PX * across, model.tolerance)
-    hidden = hidden_spans(cuts, peaks, fits, belongs) if reach.settled else ()
+    hidden = joined(hidden_spans(cuts, peaks, fits, belongs), posts) if reach.settled else joined(posts)
     usual = median([fit.strength for fit in fits if fit is not None] or [0.0])
     edges = tuple(
         MeasuredEdge(line.whole, fit, _sigma(fit, gap, model.tolerance, size, FAINT * usual), shift, size)

@@ -90,6 +90,23 @@ def _runs(hidden: BoolArray) -> list[tuple[int, int]]:
     return [(int(first), int(last)) for first, last in steps.reshape(-1, 2) if last - first >= LEAST_WIDTH]
 
 
+def joined(*many: Spans) -> tuple[tuple[float, float], ...]:
+    """Return stretches of a face as one list from left to right, without overlaps.
+
+    Parameters
+    ----------
+    *many : sequence of (left, right)
+        In metres.
+    """
+    found: list[tuple[float, float]] = []
+    for low, high in sorted(span for spans in many for span in spans):
+        if found and low <= found[-1][1]:
+            found[-1] = found[-1][0], max(high, found[-1][1])
+        else:
+            found.append((low, high))
+    return tuple(found)
+
+
 def hidden_part(left: float, right: float, spans: Spans) -> float:
     """Return which part of a stretch of the face is hidden, 0 to 1.
 

@@ -136,6 +136,18 @@ def test_a_post_before_an_opening_costs_no_row(
     assert abs(error(found.pose)[3]) < np.radians(0.4)
 
 
+@pytest.mark.parametrize("width", [0.08, 0.12, 0.15])
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_post_before_an_outer_block_costs_no_row(
+    side: int, width: float, epal: PalletModel, portrait: Portrait
+) -> None:
+    middle = side * (epal.width / 2 - 0.05)
+    found = measured(behind(portrait(epal, POSE), middle - width / 2, middle + width / 2), epal, aside(0.01))
+    assert found.refusal is None
+    assert np.abs(error(found.pose)[:3]).max() < 0.008
+    assert abs(error(found.pose)[3]) < np.radians(0.4)
+
+
 @pytest.mark.parametrize("side", ["left", "right", "middle"])
 @pytest.mark.parametrize("part", [0.2, 0.33])
 def test_with_up_to_a_third_covered_a_pose_is_right_or_refused(

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from palletloc.face import EdgeKind, FaceEdge, face_lines
 from palletloc.geometry import FloatArray
 from palletloc.pallet import Opening, PalletModel
 from palletloc.refinement.cuts import FaceCuts, face_cuts
-from palletloc.refinement.occlusion import BINS, LEAST_WIDTH, MOSTLY, hidden_part, hidden_spans, is_hidden
+from palletloc.refinement.occlusion import BINS, LEAST_WIDTH, MOSTLY, hidden_part, hidden_spans, is_hidden, joined
 
 OPENINGS = tuple(Opening(center, 0.022, 0.3825, 0.1) for center in (-0.26375, 0.26375))
 MODEL = PalletModel("two_openings", 1.2, 0.144, 0.8, OPENINGS)
@@ -205,3 +206,23 @@ def test_an_edge_is_hidden_where_most_of_it_is(spans: Spans) -> None:
         assert is_hidden(edge, spans) is (part > MOSTLY)
         if not edge.horizontal:
             assert is_hidden(edge, spans) is any(low <= edge.start[0] <= high for low, high in spans)
+
+
+stretches = st.lists(
+    st.tuples(st.integers(0, 40), st.integers(1, 10)).map(lambda v: (float(v[0]), float(v[0] + v[1])))
+)
+
+
+@given(stretches, stretches)
+def test_joined_stretches_cover_the_same_once(
+    one: list[tuple[float, float]], other: list[tuple[float, float]]
+) -> None:
+    found = joined(one, other)
+    places = np.arange(0.25, 51.0, 0.5)
+
+    def covered(spans: Sequence[tuple[float, float]]) -> list[bool]:
+        return [any(low < place < high for low, high in spans) for place in places]
+
+    assert covered(found) == covered([*one, *other])
+    assert all(left[1] < right[0] for left, right in pairwise(found))
+    assert joined(found) == found

@@ -220,7 +220,7 @@ def test_joined_stretches_cover_the_same_once(
     found = joined(one, other)
     places = np.arange(0.25, 51.0, 0.5)
 
-    def covered(spans: Sequence[tuple[float, float]]) -> list[bool]:
+    def covered(spans: Sequence[Stretch]) -> list[bool]:
         return [any(low < place < high for low, high in spans) for place in places]
 
     assert covered(found) == covered([*one, *other])

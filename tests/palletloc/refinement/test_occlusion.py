@@ -208,9 +208,9 @@ def test_an_edge_is_hidden_where_most_of_it_is(spans: Spans) -> None:
             assert is_hidden(edge, spans) is any(low <= edge.start[0] <= high for low, high in spans)
 
 
-stretches = st.lists(
-    st.tuples(st.integers(0, 40), st.integers(1, 10)).map(lambda v: (float(v[0]), float(v[0] + v[1])))
-)
+Stretch = tuple[float, float]
+ends = st.tuples(st.integers(0, 40), st.integers(1, 10))
+stretches = st.lists(ends.map(lambda end: (float(end[0]), float(end[0] + end[1]))))
 
 
 @given(stretches, stretches)

@@ -185,11 +185,14 @@ def _widen(best: Candidate, growth: float, attempts: Sequence[Candidate]) -> Non
     """Widen the covariance by what the edges leave in doubt, and by rivals as far as they are likely."""
     if best.pose is None or best.covariance is None:
         return
+    best.covariance = best.covariance * (1 + growth)
     rivals = [one for one in attempts if one.pose is not None]
+    if len(rivals) < 2:
+        return
     weight = np.exp([rival.likelihood - best.likelihood for rival in rivals])
     apart = np.array([rival.pose.as_array() - best.pose.as_array() for rival in rivals if rival.pose])
     apart[:, 3] = wrap_angle(apart[:, 3])
-    best.covariance = best.covariance * (1 + growth) + (weight[:, None] * apart).T @ apart / weight.sum()
+    best.covariance = best.covariance + (weight[:, None] * apart).T @ apart / weight.sum()
 
 
 def _near(one: LevelPose, other: LevelPose) -> bool:

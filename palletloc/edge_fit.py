@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
+from scipy.fft import next_fast_len
 
 from palletloc.geometry import BoolArray, FloatArray
 from palletloc.matching import Energy
@@ -223,7 +224,9 @@ def _robust_lines(peaks: EdgePeaks, floor: FloatArray, limit: FloatArray) -> _Li
     medians = _Medians(missing)
     offset = medians.of(value - slope[:, None] * along)
     # what the weights are multiplied with, for all sums at once
-    sums = np.stack([np.ones_like(along), along, value, along * along, along * value], axis=2)
+    sums = np.empty((*along.shape, 5))
+    for k, product in enumerate((1.0, along, value, along * along, along * value)):
+        sums[..., k] = product
     for turn in range(REWEIGHTINGS + 1):
         residual = value - (offset[:, None] + slope[:, None] * along)
         residual[missing] = np.inf
@@ -264,9 +267,11 @@ class _Medians:
 
 def _correlation_length(residual: FloatArray, step: FloatArray) -> FloatArray:
     """Return the length over which the residuals of each edge are alike, in metres."""
-    lags = residual.shape[1] // 3
-    spectrum = np.fft.rfft(residual, 2 * residual.shape[1], axis=1)
-    power = np.fft.irfft(spectrum * spectrum.conj(), axis=1)[:, :lags]
+    count = residual.shape[1]
+    lags = count // 3
+    size = next_fast_len(count + lags, real=True)  # enough for so many lags not to meet the other end
+    spectrum = np.fft.rfft(residual, size, axis=1)
+    power = np.fft.irfft(spectrum * spectrum.conj(), size, axis=1)[:, :lags]
     correlation = power / (power[:, :1] + 1e-18)
     alike = np.logical_and.accumulate(correlation[:, 1:] > LEAST_CORRELATION, axis=1)
     return np.asarray((1 + 2 * np.einsum("ij,ij->i", correlation[:, 1:], alike)) * step)

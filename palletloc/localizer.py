@@ -36,6 +36,9 @@ METHODS: dict[Method, Measure] = {
 ABOVE = 0.3
 """How far above the highest level the light on the shelf is looked at, in metres."""
 
+ON_FACE = np.array([(part, up) for up in (0.0, 1.0) for part in np.linspace(-0.5, 0.5, 9)])
+"""(n, 2) places on a face of which a given pose must show one, in parts of its width and height."""
+
 
 @dataclass(frozen=True, slots=True)
 class Start:
@@ -262,9 +265,8 @@ class Localizer:
         place, center = (pose.x, pose.y, pose.z), self.mounting.center
         if math.dist(place, center) > RANGE_SLACK * self.config.detection.max_range:
             return Reason.OUT_OF_RANGE
-        right, up = np.meshgrid(np.linspace(-0.5, 0.5, 9) * model.width, [0.0, model.height])
         camera_from_pallet = self.mounting.camera_from_forklift @ pose.matrix()
-        face = np.stack([right.ravel(), up.ravel()], axis=1) @ camera_from_pallet[:3, 1:3].T
+        face = (ON_FACE * (model.width, model.height)) @ camera_from_pallet[:3, 1:3].T
         seen = self.projector.camera.project(face + camera_from_pallet[:3, 3])
         return None if seen.valid.any() else Reason.OUT_OF_VIEW
 

@@ -47,13 +47,12 @@ def opening_contrasts(patch: FacePatch, model: PalletModel, pose: LevelPose, hid
     pixels = np.rint(patch.view.grid.pixels(patch.appearing(pose, points.reshape(-1, 2)))).astype(np.intp)
     rows, columns = patch.smooth.shape[:2]
     column, row = pixels.T
-    inside = (column >= 0) & (row >= 0) & (column < columns) & (row < rows)
-    if not inside.all() or not patch.view.valid[row, column].all():
+    if pixels.min() < 0 or column.max() >= columns or row.max() >= rows or not patch.view.valid[row, column].all():
         return np.full(len(model.openings), np.nan)
     seen = patch.smooth[row, column].reshape(*points.shape[:2], -1).astype(np.float64)
     count = len(model.blocks)
     mean = np.einsum("bnc->bc", seen[:count]) / seen.shape[1]
-    within = _squares(seen[:count] - mean[:, None]).mean(axis=1)
+    within = np.einsum("bn->b", _squares(seen[:count] - mean[:, None])) / seen.shape[1]
     shown = np.array([hidden_part(left, right, hidden) < SHOWN for left, right in model.blocks])
     # where one block is hidden the other has to do, where both are it makes no difference
     left, right = (np.where(shown[:-1] | shown[1:], part, True) for part in (shown[:-1], shown[1:]))

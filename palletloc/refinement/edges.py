@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from statistics import median
@@ -145,7 +146,7 @@ def measure_face(
         With the edges of which enough is seen for a line; None where the camera does not see the whole face.
     """
     right, up = _pixel_sizes(camera, camera_from_face, model)
-    if not np.isfinite(right + up):
+    if not math.isfinite(right + up):
         return None
     below = bool(plane_from_camera[1] < 0)
     # spacings from a ladder: a cut a pixel apart is enough, and the cuts of a model are kept
@@ -153,7 +154,8 @@ def measure_face(
     pixel = np.where(cuts.level[:, None], [[up, right]], [[right, up]])
     across = pixel[:, 0]
     far = np.maximum(np.where(cuts.level, reach.level, reach.upright), reach.pixels * across)
-    gaps = [_gaps(model)[line.whole] for line in cuts.lines]
+    gap = _gaps(model)
+    gaps = [gap[line.whole] for line in cuts.lines]
     if reach.settled:
         far = np.minimum(far, np.maximum(0.5 * np.array(gaps), LEAST_REACH * across))
     shifts = [edge_shift(line.whole, plane_from_camera, model) for line in cuts.lines]
@@ -187,16 +189,22 @@ def _pixel_sizes(camera: CameraModel, camera_from_face: FloatArray, model: Palle
     pixels, valid = camera.project(points @ camera_from_face[:3, :2].T + camera_from_face[:3, 3])
     if not valid.all():
         return np.inf, np.inf
-    moved = pixels[1:] - pixels[0]
-    if camera.period_px is not None:
-        moved[:, 0] -= camera.period_px * np.round(moved[:, 0] / camera.period_px)
-    right, up = (step / np.maximum(np.hypot(*moved.T), 1e-9)).tolist()
+    at, *ends = pixels.tolist()
+    right, up = (step / max(_apart(at, end, camera.period_px), 1e-9) for end in ends)
     return right, up
+
+
+def _apart(one: Sequence[float], other: Sequence[float], period: float | None) -> float:
+    """Return the distance of two pixels, the shorter way round where the image is closed."""
+    across = other[0] - one[0]
+    if period is not None:
+        across -= period * round(across / period)
+    return math.hypot(across, other[1] - one[1])
 
 
 def _rung(size: float) -> float:
     """Return a size rounded to a power of the square root of two."""
-    return float(2.0 ** (round(2 * np.log2(size)) / 2))
+    return float(2.0 ** (round(2 * math.log2(size)) / 2))
 
 
 def _fits(profiles: Profiles, along_px: float) -> tuple[EdgePeaks, list[EdgeFit | None]]:
@@ -218,18 +226,18 @@ def _clearer(fine: EdgeFit | None, smooth: EdgeFit | None) -> EdgeFit | None:
 
 def _peaks(profiles: Profiles, gradient: Samples) -> EdgePeaks:
     """Return the strongest true local maximum on each cut: the end of a slope would only return the prediction."""
-    cuts = profiles.cuts
+    cuts, count = profiles.cuts, gradient.shape[1]
     left, middle, right = gradient[:, :-2], gradient[:, 1:-1], gradient[:, 2:]
     offsets = profiles.offsets[1:-1]
-    peak = np.where((middle > left) & (middle >= right) & (np.abs(offsets) <= 1 + 1e-9), middle, np.float32(0.0))
-    best = peak.argmax(axis=1)
-    row = np.arange(len(best))
-    a, b, c = (part[row, best].astype(np.float64) for part in (left, middle, right))
+    peaked = (middle > left) & (middle >= right) & (np.abs(offsets) <= 1 + 1e-9)
+    best = (middle * peaked).argmax(axis=1)
+    at = np.arange(len(best)) * count + best
+    a, b, c = (gradient.ravel().take(at + which).astype(np.float64) for which in (0, 1, 2))
     shift = np.clip(0.5 * (a - c) / np.minimum(a - 2 * b + c, -1e-9), -0.5, 0.5)
     offset = (offsets[best] + shift * (offsets[1] - offsets[0])) * profiles.reach[cuts.line]
     trimmed = cuts.end < np.minimum(END_PIXELS * profiles.pixel[cuts.line, 1], cuts.shortest)
-    strength = np.where(trimmed, -1.0, peak[row, best])
-    return EdgePeaks(cuts.by_line(cuts.along, 0.0), cuts.by_line(offset, 0.0), cuts.by_line(strength, -1.0))
+    strength = np.where(trimmed, -1.0, b * peaked[np.arange(len(best)), best])
+    return EdgePeaks(cuts.in_line, cuts.by_line(offset, 0.0), cuts.by_line(strength, -1.0))
 
 
 @lru_cache(maxsize=64)

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 from palletloc.matching import Energy
@@ -18,6 +20,9 @@ from palletloc.pallet import PalletModel
 from palletloc.refinement.occlusion import Spans
 from palletloc.refinement.patch import FacePatch
 from palletloc.refinement.samples import face_samples
+
+Index = NDArray[np.int32]
+"""Columns or rows of pixels."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +122,9 @@ def score_hypotheses(
     turn, distance, rise = np.unravel_index(chosen, shape)
     turns, ranges, rises = grid.turns[turn, None], grid.ranges[distance, None], grid.rises[rise, None]
     seen = _Hypotheses(turns, ranges, grid.places[None, :], rises, grid.sliding)
-    score = level.ravel()[chosen, None] + _rest_scores(patch, model, seen)
+    samples = face_samples(model)
+    pixels = seen.appearing(patch, samples.points[len(samples.level) :])
+    score = level.ravel()[chosen, None] + _rest_scores(patch, model, *pixels)
     table = level.max(axis=2)
     np.maximum.at(table, (turn, distance), score.max(axis=1))
     best = [seen.at(*place) for place in _peaks(score, seen, patch, config)]
@@ -147,22 +154,22 @@ def score_pose(patch: FacePatch, model: PalletModel, pose: LevelPose, hidden: Sp
     """
     samples = face_samples(model)
     turn = wrap_angle(pose.yaw - patch.base.yaw)
-    slope = _slope(patch, model, turn)
+    slope = float(_slope(patch, model, np.array(turn)))
     parts = (
         (samples.level_weight, patch.along_level(slope)),
         (samples.upright_weight, patch.along_upright()),
         (samples.block_weight, patch.any_direction()),
     )
-    columns, rows = patch.view.grid.pixels(patch.appearing(pose, samples.points)).T
-    shown = np.ones(len(columns), dtype=bool)
+    column, row = _indices(*patch.view.grid.pixels(patch.appearing(pose, samples.points)).T)
+    shown = np.ones(len(column), dtype=bool)
     for left, right in hidden:
         shown &= (samples.points[:, 0] < left) | (samples.points[:, 0] > right)
     total, edges, first = 0.0, 0.0, 0
     for weight, field in parts:
         here = slice(first, first + len(weight))
         counted = weight * shown[here]
-        total += float(_looked_up(field, columns[here], rows[here]) @ counted)
-        edges += float(counted.clip(min=0.0).sum())
+        total += float(_looked_up(field, column[here], row[here]) @ counted)
+        edges += float(np.maximum(counted, 0.0).sum())
         first += len(weight)
     return total / edges if edges > 0 else 0.0
 
@@ -180,20 +187,23 @@ class _Hypotheses(NamedTuple):
         """Return turn, range, place and rise of one of them."""
         return np.array([self.turn[row, 0], self.range[row, 0], self.place[0, column], self.rise[row, 0]])
 
-    def appearing(self, patch: FacePatch, points: FloatArray) -> tuple[Energy, Energy]:
-        """Return columns and rows of face points in the patch; the points make a last axis.
+    def appearing(self, patch: FacePatch, points: FloatArray) -> tuple[Index, Index]:
+        """Return columns and rows of the pixels that show face points in the patch; the points make a last axis.
 
         Rows do not depend on the place and keep its axis short. Single precision is much finer than a pixel.
         """
-        x, y, z = patch.plane_from_camera
+        x, y, z = patch.plane_from_camera.tolist()
         grid, turn, distance = patch.view.grid, self.turn[..., None], self.range[..., None]
-        nearer = z / (z * distance + points[:, 0] * np.sin(turn))
-        nearer_px = nearer / grid.resolution
-        aside = (x - grid.left) / grid.resolution + (points[:, 0] * np.cos(turn) - x * distance) * nearer_px
-        lowered = y * distance if self.sliding else y
-        rows = (grid.top - y) / grid.resolution - (points[:, 1] + (self.rise[..., None] - lowered)) * nearer_px
-        place = self.place[..., None].astype(np.float32)
-        return aside.astype(np.float32) + place * nearer_px.astype(np.float32), rows.astype(np.float32)
+        right, up = points.T.astype(np.float32)
+        aside, above = -x * distance, self.rise[..., None] - (y * distance if self.sliding else y)
+        sin, cos, away, aside, above, place = (
+            part.astype(np.float32)
+            for part in (np.sin(turn), np.cos(turn), z * distance, aside, above, self.place[..., None])
+        )
+        nearer = np.float32(z / grid.resolution) / (right * sin + away)
+        columns = (right * cos + aside) * nearer + np.float32((x - grid.left) / grid.resolution)
+        rows = np.float32((grid.top - y) / grid.resolution) - (up + above) * nearer
+        return _indices(columns + place * nearer, rows)
 
     def pose(self, patch: FacePatch) -> LevelPose:
         """Return the pose of a single hypothesis."""
@@ -210,16 +220,20 @@ class _Hypotheses(NamedTuple):
         )
 
 
-def _slope(patch: FacePatch, model: PalletModel, turn: float) -> float:
+def _slope(patch: FacePatch, model: PalletModel, turn: FloatArray) -> FloatArray:
     """Return the slope of the face's level lines on the plane, about the same for all of them."""
     x, y, z = patch.plane_from_camera
-    return float((y - model.height / 2) * np.sin(turn) / (z * np.cos(turn) + x * np.sin(turn)))
+    return np.asarray((y - model.height / 2) * np.sin(turn) / (z * np.cos(turn) + x * np.sin(turn)))
 
 
-def _looked_up(field: Energy, columns: Energy | FloatArray, rows: Energy | FloatArray) -> Energy:
-    """Return a field's values at the nearest pixels, 0 outside; columns and rows broadcast together."""
+def _indices(columns: Energy | FloatArray, rows: Energy | FloatArray) -> tuple[Index, Index]:
+    """Return the nearest pixels; negative ones may be off by one."""
+    return (columns + np.float32(0.5)).astype(np.int32), (rows + np.float32(0.5)).astype(np.int32)
+
+
+def _looked_up(field: Energy, column: Index, row: Index) -> Energy:
+    """Return a field's values at pixels, 0 outside; columns and rows broadcast together."""
     height, width = field.shape
-    column, row = (columns + 0.5).astype(np.int32), (rows + 0.5).astype(np.int32)
     # a negative index is a large one when seen without its sign
     inside = (column.view(np.uint32) < width) & (row.view(np.uint32) < height)
     at = column + row * np.int32(width)
@@ -234,28 +248,22 @@ def _level_scores(patch: FacePatch, model: PalletModel, grid: HypothesisGrid) ->
     samples = face_samples(model)
     weight = samples.level_weight.astype(np.float32)
     scores = np.empty((len(grid.turns), len(grid.ranges), len(grid.rises)))
-    for i, turn in enumerate(grid.turns):
+    slopes = _slope(patch, model, grid.turns)
+    for turns, field in patch.fields_along(slopes):  # neighbouring turns share a field
         tried = _Hypotheses(
-            np.array([[turn]]), grid.ranges[:, None], np.zeros((1, 1)), grid.rises[None, :], grid.sliding
+            grid.turns[turns, None, None], grid.ranges[:, None], np.zeros(1), grid.rises, grid.sliding
         )
-        columns, rows = tried.appearing(patch, samples.level)
-        field = patch.along_level(_slope(patch, model, float(turn)))
-        scores[i] = _looked_up(field, columns, rows) @ weight
+        scores[turns] = _looked_up(field, *tried.appearing(patch, samples.level)) @ weight
     return scores
 
 
-def _rest_scores(patch: FacePatch, model: PalletModel, tried: _Hypotheses) -> FloatArray:
-    """Return what upright edges and blocks say of hypotheses."""
-    samples = face_samples(model)
-    total = np.zeros(np.broadcast_shapes(tried.turn.shape, tried.place.shape), dtype=np.float32)
-    for points, weight, field in (
-        (samples.upright, samples.upright_weight, patch.along_upright()),
-        (samples.block, samples.block_weight, patch.any_direction()),
-    ):
-        if len(points):
-            columns, rows = tried.appearing(patch, points)
-            total += _looked_up(field, columns, rows) @ weight.astype(np.float32)
-    return total.astype(np.float64)
+def _rest_scores(patch: FacePatch, model: PalletModel, column: Index, row: Index) -> Energy:
+    """Return what upright edges and blocks say of hypotheses, by the pixels that show their points."""
+    samples, split = face_samples(model), len(face_samples(model).upright)
+    upright = _looked_up(patch.along_upright(), column[..., :split], row[..., :split])
+    block = _looked_up(patch.any_direction(), column[..., split:], row[..., split:])
+    weight = np.concatenate([samples.upright_weight, samples.block_weight]).astype(np.float32)
+    return np.asarray(upright @ weight[:split] + block @ weight[split:])
 
 
 def _peaks(
@@ -277,25 +285,32 @@ def _peaks(
 
 def _polished(patch: FacePatch, model: PalletModel, best: FloatArray, grid: HypothesisGrid) -> list[Scored]:
     """Return the best poses between hypotheses, (n, 4), and their neighbours on the grid."""
-    samples = face_samples(model)
-    steps = [_step(axis) for axis in (grid.turns, grid.ranges, grid.places, grid.rises)]
-    offsets = [np.array([-0.35, 0.0, 0.35]) * step if step else np.zeros(1) for step in steps]
-    around = np.stack([part.ravel() for part in np.meshgrid(*offsets, indexing="ij")])
-    places = best[:, :, None] + around
-    turn, distance, place, rise = np.moveaxis(places, 1, 0)
+    samples, level = face_samples(model), len(face_samples(model).level)
+    steps = np.array([_step(axis) for axis in (grid.turns, grid.ranges, grid.places, grid.rises)])
+    places = best[:, :, None] + _around(tuple((steps > 0).tolist())) * steps[:, None]
+    turn, distance, place, rise = places.transpose(1, 0, 2)
     tried = _Hypotheses(turn, distance, place, rise, grid.sliding)
-    columns, rows = tried.appearing(patch, samples.level)
-    score = _rest_scores(patch, model, tried)
+    column, row = tried.appearing(patch, samples.points)
+    score = _rest_scores(patch, model, column[..., level:], row[..., level:])
+    weight = samples.level_weight.astype(np.float32)
+    for which, field in patch.fields_along(_slope(patch, model, best[:, 0])):
+        score[which] += _looked_up(field, column[which, :, :level], row[which, :, :level]) @ weight
     found = []
-    for i, one in enumerate(best):
-        field = patch.along_level(_slope(patch, model, float(one[0])))
-        score[i] += _looked_up(field, columns[i], rows[i]) @ samples.level_weight
+    for some, scores in zip(places, score, strict=True):
         # a plateau has no best place but a middle
-        top = score[i] >= score[i].max() - 0.01
-        turn, distance, place, rise = places[i][:, top].mean(axis=1, keepdims=True)
+        middle = some[:, scores >= scores.max() - 0.01].mean(axis=1, keepdims=True)
+        turn, distance, place, rise = middle
         pose = _Hypotheses(turn, distance, place, rise, grid.sliding).pose(patch)
-        found.append(Scored(pose, float(score[i].max())))
+        found.append(Scored(pose, float(scores.max())))
     return found
+
+
+@lru_cache(maxsize=16)
+def _around(varied: tuple[bool, ...]) -> FloatArray:
+    """Return all ways to go a third of a step to and fro along some axes, (axes, n)."""
+    sizes = [3 if one else 1 for one in varied]
+    middle = np.array([size // 2 for size in sizes])
+    return np.asarray(0.35 * (np.indices(sizes).reshape(len(sizes), -1) - middle[:, None]))
 
 
 def _step(axis: FloatArray) -> float:

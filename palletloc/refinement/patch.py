@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import cv2
@@ -55,6 +57,12 @@ class FacePatch:
             self._kept[rung] = _widened(energy, (1, 3))
         return self._kept[rung]
 
+    def fields_along(self, slopes: FloatArray) -> Iterator[tuple[NDArray[np.intp], Energy]]:
+        """Yield which of several slopes are looked for alike, each time with what `along_level` returns for them."""
+        rungs = np.rint(slopes / SLOPE_STEP)
+        for rung in sorted(set(rungs.tolist())):
+            yield np.flatnonzero(rungs == rung), self.along_level(rung * SLOPE_STEP)
+
     def along_upright(self) -> Energy:
         """Return how much edge runs upright, 0 to 1, widened by a pixel."""
         if np.inf not in self._kept:
@@ -83,13 +91,16 @@ class FacePatch:
             Right and up on the plane, in metres.
         """
         turn = wrap_angle(pose.yaw - self.base.yaw)
-        cos, sin = np.cos(self.base.yaw), np.sin(self.base.yaw)
+        cos, sin = math.cos(self.base.yaw), math.sin(self.base.yaw)
         x, y = pose.x - self.base.x, pose.y - self.base.y
         right, depth = sin * x - cos * y, cos * x + sin * y
-        camera = self.plane_from_camera
-        nearer = camera[2] / (camera[2] + depth + points[:, 0] * np.sin(turn))
-        at = np.stack([right + points[:, 0] * np.cos(turn), pose.z - self.base.z + points[:, 1]], axis=1)
-        return np.asarray(camera[:2] + (at - camera[:2]) * nearer[:, None])
+        aside, above, away = self.plane_from_camera.tolist()
+        across, up = points.T
+        nearer = away / (away + depth + math.sin(turn) * across)
+        seen = np.empty_like(points)
+        seen[:, 0] = aside + (right - aside + math.cos(turn) * across) * nearer
+        seen[:, 1] = above + (pose.z - self.base.z - above + up) * nearer
+        return seen
 
 
 def view_patch(

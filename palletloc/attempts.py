@@ -100,7 +100,10 @@ def _may_be_pallet(patch: FacePatch, start: LevelPose, candidate: Candidate, con
         return True
     if contrast < GLANCE_CONTRAST:
         return False
-    hoped = Signs(contrast, 1.0, score_pose(patch, candidate.model, start), GLANCE_DOUBT)
+    hoped = Signs(contrast, 1.0, 0.0, GLANCE_DOUBT)
+    if verify(hoped, config.verification).reason is None:
+        return True  # whatever its score
+    hoped = hoped._replace(score=score_pose(patch, candidate.model, start))
     return verify(hoped, config.verification).reason is None
 
 

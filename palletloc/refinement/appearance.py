@@ -53,15 +53,22 @@ def opening_contrasts(patch: FacePatch, model: PalletModel, pose: LevelPose, hid
     count = len(model.blocks)
     mean = np.einsum("bnc->bc", seen[:count]) / seen.shape[1]
     within = np.einsum("bn->b", _squares(seen[:count] - mean[:, None])) / seen.shape[1]
-    shown = np.array([hidden_part(left, right, hidden) < SHOWN for left, right in model.blocks])
-    # where one block is hidden the other has to do, where both are it makes no difference
-    left, right = (np.where(shown[:-1] | shown[1:], part, True) for part in (shown[:-1], shown[1:]))
-    parts = np.stack([left, right]) / (left.astype(int) + right)
-    center = parts[0, :, None] * mean[:-1] + parts[1, :, None] * mean[1:]
-    between = parts[0] * parts[1] * ((mean[:-1] - mean[1:]) ** 2).sum(axis=1)
-    spread = np.sqrt(parts[0] * within[:-1] + parts[1] * within[1:] + between + NOISE**2)
+    left, right = _shares(model, hidden)
+    center = left[:, None] * mean[:-1] + right[:, None] * mean[1:]
+    between = left * right * ((mean[:-1] - mean[1:]) ** 2).sum(axis=1)
+    spread = np.sqrt(left * within[:-1] + right * within[1:] + between + NOISE**2)
     away = np.sort(_squares(seen[count:] - center[:, None]), axis=1)[:, seen.shape[1] // 2]
     return np.asarray(np.sqrt(away) / spread)
+
+
+def _shares(model: PalletModel, hidden: Spans) -> FloatArray:
+    """Return what the left and the right block beside each opening count, (2, openings)."""
+    if not hidden:
+        return np.full((2, len(model.openings)), 0.5)
+    shown = np.array([hidden_part(left, right, hidden) < SHOWN for left, right in model.blocks])
+    # where one block is hidden the other has to do, where both are it makes no difference
+    both = np.where(shown[:-1] | shown[1:], np.stack([shown[:-1], shown[1:]]), True)
+    return np.asarray(both / both.sum(axis=0))
 
 
 def _squares(colours: FloatArray) -> FloatArray:

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
+import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 from palletloc.matching import Energy
@@ -21,8 +21,8 @@ from palletloc.refinement.occlusion import Spans
 from palletloc.refinement.patch import FacePatch
 from palletloc.refinement.samples import face_samples
 
-Index = NDArray[np.int32]
-"""Columns or rows of pixels."""
+MOST_ROWS = 32_000
+"""Most rows of a map that OpenCV takes, about."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,15 +160,15 @@ def score_pose(patch: FacePatch, model: PalletModel, pose: LevelPose, hidden: Sp
         (samples.upright_weight, patch.along_upright()),
         (samples.block_weight, patch.any_direction()),
     )
-    column, row = _indices(*patch.view.grid.pixels(patch.appearing(pose, samples.points)).T)
-    shown = np.ones(len(column), dtype=bool)
+    columns, rows = patch.view.grid.pixels(patch.appearing(pose, samples.points)).T.astype(np.float32)
+    shown = np.ones(len(columns), dtype=bool)
     for left, right in hidden:
         shown &= (samples.points[:, 0] < left) | (samples.points[:, 0] > right)
     total, edges, first = 0.0, 0.0, 0
     for weight, field in parts:
         here = slice(first, first + len(weight))
         counted = weight * shown[here]
-        total += float(_looked_up(field, column[here], row[here]) @ counted)
+        total += float(_looked_up(field, columns[here], rows[here]) @ counted)
         edges += float(np.maximum(counted, 0.0).sum())
         first += len(weight)
     return total / edges if edges > 0 else 0.0
@@ -187,10 +187,10 @@ class _Hypotheses(NamedTuple):
         """Return turn, range, place and rise of one of them."""
         return np.array([self.turn[row, 0], self.range[row, 0], self.place[0, column], self.rise[row, 0]])
 
-    def appearing(self, patch: FacePatch, points: FloatArray) -> tuple[Index, Index]:
-        """Return columns and rows of the pixels that show face points in the patch; the points make a last axis.
+    def appearing(self, patch: FacePatch, points: FloatArray) -> tuple[Energy, Energy]:
+        """Return columns and rows of face points in the patch; the points make a last axis.
 
-        Rows do not depend on the place and keep its axis short. Single precision is much finer than a pixel.
+        Single precision is much finer than a pixel.
         """
         x, y, z = patch.plane_from_camera.tolist()
         grid, turn, distance = patch.view.grid, self.turn[..., None], self.range[..., None]
@@ -203,7 +203,9 @@ class _Hypotheses(NamedTuple):
         nearer = np.float32(z / grid.resolution) / (right * sin + away)
         columns = (right * cos + aside) * nearer + np.float32((x - grid.left) / grid.resolution)
         rows = np.float32((grid.top - y) / grid.resolution) - (up + above) * nearer
-        return _indices(columns + place * nearer, rows)
+        columns = columns + place * nearer
+        shape = np.broadcast_shapes(columns.shape, rows.shape)
+        return np.broadcast_to(columns, shape), np.broadcast_to(rows, shape)
 
     def pose(self, patch: FacePatch) -> LevelPose:
         """Return the pose of a single hypothesis."""
@@ -226,20 +228,14 @@ def _slope(patch: FacePatch, model: PalletModel, turn: FloatArray) -> FloatArray
     return np.asarray((y - model.height / 2) * np.sin(turn) / (z * np.cos(turn) + x * np.sin(turn)))
 
 
-def _indices(columns: Energy | FloatArray, rows: Energy | FloatArray) -> tuple[Index, Index]:
-    """Return the nearest pixels; negative ones may be off by one."""
-    return (columns + np.float32(0.5)).astype(np.int32), (rows + np.float32(0.5)).astype(np.int32)
-
-
-def _looked_up(field: Energy, column: Index, row: Index) -> Energy:
-    """Return a field's values at pixels, 0 outside; columns and rows broadcast together."""
-    height, width = field.shape
-    # a negative index is a large one when seen without its sign
-    inside = (column.view(np.uint32) < width) & (row.view(np.uint32) < height)
-    at = column + row * np.int32(width)
-    at *= inside
-    values = field.ravel().take(at)
-    values *= inside
+def _looked_up(field: Energy, columns: Energy, rows: Energy) -> Energy:
+    """Return a field's values at the nearest pixels, 0 outside it."""
+    count = columns.shape[-1]
+    columns, rows, values = columns.reshape(-1, count), rows.reshape(-1, count), np.empty(columns.shape, np.float32)
+    found = values.reshape(-1, count)
+    for first in range(0, len(found), MOST_ROWS):
+        part = slice(first, first + MOST_ROWS)
+        found[part] = cv2.remap(field, columns[part], rows[part], cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT)
     return values
 
 
@@ -257,11 +253,11 @@ def _level_scores(patch: FacePatch, model: PalletModel, grid: HypothesisGrid) ->
     return scores
 
 
-def _rest_scores(patch: FacePatch, model: PalletModel, column: Index, row: Index) -> Energy:
-    """Return what upright edges and blocks say of hypotheses, by the pixels that show their points."""
+def _rest_scores(patch: FacePatch, model: PalletModel, columns: Energy, rows: Energy) -> Energy:
+    """Return what upright edges and blocks say of hypotheses, by where their points appear."""
     samples, split = face_samples(model), len(face_samples(model).upright)
-    upright = _looked_up(patch.along_upright(), column[..., :split], row[..., :split])
-    block = _looked_up(patch.any_direction(), column[..., split:], row[..., split:])
+    upright = _looked_up(patch.along_upright(), columns[..., :split], rows[..., :split])
+    block = _looked_up(patch.any_direction(), columns[..., split:], rows[..., split:])
     weight = np.concatenate([samples.upright_weight, samples.block_weight]).astype(np.float32)
     return np.asarray(upright @ weight[:split] + block @ weight[split:])
 
@@ -290,11 +286,11 @@ def _polished(patch: FacePatch, model: PalletModel, best: FloatArray, grid: Hypo
     places = best[:, :, None] + _around(tuple((steps > 0).tolist())) * steps[:, None]
     turn, distance, place, rise = places.transpose(1, 0, 2)
     tried = _Hypotheses(turn, distance, place, rise, grid.sliding)
-    column, row = tried.appearing(patch, samples.points)
-    score = _rest_scores(patch, model, column[..., level:], row[..., level:])
+    columns, rows = tried.appearing(patch, samples.points)
+    score = _rest_scores(patch, model, columns[..., level:], rows[..., level:])
     weight = samples.level_weight.astype(np.float32)
     for which, field in patch.fields_along(_slope(patch, model, best[:, 0])):
-        score[which] += _looked_up(field, column[which, :, :level], row[which, :, :level]) @ weight
+        score[which] += _looked_up(field, columns[which, :, :level], rows[which, :, :level]) @ weight
     found = []
     for some, scores in zip(places, score, strict=True):
         # a plateau has no best place but a middle

@@ -233,7 +233,7 @@ def _peaks(profiles: Profiles, gradient: Samples) -> EdgePeaks:
     best = (middle * peaked).argmax(axis=1)
     at = np.arange(len(best)) * count + best
     a, b, c = (gradient.ravel().take(at + which).astype(np.float64) for which in (0, 1, 2))
-    shift = np.clip(0.5 * (a - c) / np.minimum(a - 2 * b + c, -1e-9), -0.5, 0.5)
+    shift = np.minimum(np.maximum(0.5 * (a - c) / np.minimum(a - 2 * b + c, -1e-9), -0.5), 0.5)
     offset = (offsets[best] + shift * (offsets[1] - offsets[0])) * profiles.reach[cuts.line]
     trimmed = cuts.end < np.minimum(END_PIXELS * profiles.pixel[cuts.line, 1], cuts.shortest)
     strength = np.where(trimmed, -1.0, b * peaked[np.arange(len(best)), best])

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg.lapack import dposv
 
 from palletloc.edge_fit import TUKEY
 from palletloc.geometry import FloatArray, LevelPose
@@ -35,7 +36,8 @@ LEVEL, NOT_LEVEL = 0.075, 0.15
 DEPTH_ERROR = 0.004
 """How far the front or back of a row of blocks lies from its place (one standard deviation), in metres."""
 _MOTION, _MOUNTING, _SHARED = 4, 6, 3
-_FIRST_DEPTH = _MOTION + _MOUNTING + _SHARED
+_FIRST_SHARED = _MOTION + _MOUNTING
+_FIRST_DEPTH = _FIRST_SHARED + _SHARED
 _SHARED_PART = 0.7
 """Part of an upright edge's shift error that it shares with the others of its side, as a standard deviation."""
 _TINY = 1e-9
@@ -96,7 +98,7 @@ class FaceSystem:
         sigma = np.sqrt(known**2 + own**2 - shared**2)
         offsets = np.einsum("ni,nij->nj", outward, motion[: len(middles)])
         side = np.array([one.shift.both_seen for one in seen.edges], dtype=int)
-        offsets[np.arange(len(side)), _MOTION + _MOUNTING + side] = shared
+        offsets[np.arange(len(side)), _FIRST_SHARED + side] = shared
         offsets[:, _FIRST_DEPTH - 1] = blur
         self._shifts = offsets[:, :_MOTION]
         self._rows = [offsets / sigma[:, None]]
@@ -104,7 +106,7 @@ class FaceSystem:
         self._robust = [np.ones(len(seen.edges), dtype=bool)]
         self._held, self._pull = np.full(self._unknowns, _TINY), np.zeros(self._unknowns)
         self._held[_MOTION:] += 1.0
-        self._held[_MOTION : _MOTION + _MOUNTING] = np.maximum(mounting.sigma, _TINY) ** -2
+        self._held[_MOTION:_FIRST_SHARED] = np.maximum(mounting.sigma, _TINY) ** -2
 
     def shifts(self, motion: FloatArray) -> FloatArray:
         """Return how far outward a motion of the face shifts the images of its edges.
@@ -128,16 +130,18 @@ class FaceSystem:
         """
         nearer = points[:, 2] if points.shape[1] == 3 else np.zeros(len(points))
         in_forklift = self._origin + points @ self._axes[:, : points.shape[1]].T
-        moved = np.zeros((len(points), 3, self._unknowns))
+        moved = np.zeros((len(points), 3, _FIRST_SHARED))
         moved[:, 0, 0] = moved[:, 1, 1] = 1.0
         moved[:, 0, 3], moved[:, 2, 3] = nearer, -points[:, 0]
         moved[:, 2, 2] = -1.0
-        moved[:, :, _MOTION : _MOTION + _MOUNTING] = self._axes.T @ self._mounting.apparent_motion(in_forklift)
+        moved[:, :, _MOTION:] = self._axes.T @ self._mounting.apparent_motion(in_forklift)
         # what comes nearer to the camera moves away from its foot point on the plane
         camera = self.seen.plane_from_camera
-        away = (camera[2] - nearer)[:, None]
-        ray = (points[:, :2] - camera[:2]) / away
-        return np.asarray((moved[:, :2] + ray[:, :, None] * moved[:, 2:3]) * (camera[2] / away)[:, :, None])
+        away = (camera[2] - nearer)[:, None, None]
+        ray = (points[:, :2] - camera[:2])[:, :, None] / away
+        motion = np.zeros((len(points), 2, self._unknowns))
+        motion[..., :_FIRST_SHARED] = (moved[:, :2] + ray * moved[:, 2:]) * (camera[2] / away)
+        return motion
 
     def _behind_motion(self, edges: Sequence[DepthEdge]) -> FloatArray:
         """Return how far to the right each unknown moves the images of edges behind the face, (edges, unknowns)."""
@@ -254,7 +258,7 @@ class FaceSystem:
         for _ in range(8):
             weighted = rows.T * weights
             normal = weighted @ rows + held
-            solution = np.linalg.solve(normal, weighted @ values + self._pull)
+            solution = _solved(normal, weighted @ values + self._pull)
             residual = values - rows @ solution
             size = np.sort(np.abs(residual[robust]))
             spread = max(1.0, 1.4826 * float(size[len(size) // 2]))
@@ -265,9 +269,17 @@ class FaceSystem:
                 break
         used = robust & (weights > USED_WEIGHT)
         chi2 = float((weights * residual**2)[used].sum() / max(float(weights[used].sum()), 1.0))
-        covariance = np.linalg.inv(normal)[:_MOTION, :_MOTION] * max(chi2, 1.0)
+        covariance = _solved(normal, np.eye(self._unknowns, _MOTION))[:_MOTION] * max(chi2, 1.0)
         own = weights[: len(self.seen.edges)]
         return FaceSolution(solution[:_MOTION], covariance, own, chi2, solution, normal)
+
+
+def _solved(normal: FloatArray, values: FloatArray) -> FloatArray:
+    """Solve normal equations, which are positive definite as all unknowns are held a little."""
+    _, solution, failed = dposv(normal, values)
+    if failed:
+        raise np.linalg.LinAlgError(f"the normal equations of a face are not positive definite ({failed})")
+    return np.asarray(solution)
 
 
 def _ends(ups: FloatArray) -> FloatArray:

@@ -140,11 +140,12 @@ def view_patch(
         return Reason.BEHIND_FACE
     grid = PlaneGrid.spanning(*extent, resolution)
     view = projector.view(image, camera_from_plane, grid)
-    if view.valid.mean() < 0.5:
+    seen = np.count_nonzero(view.valid)
+    if seen < 0.5 * view.valid.size:
         return Reason.OUT_OF_VIEW
     smooth = cv2.GaussianBlur(view.image, (0, 0), max(SMOOTHING / resolution, 0.5))
     tensor = _tensor(view.image, resolution)
-    if not view.valid.all():  # where the image ends there is no edge
+    if seen < view.valid.size:  # where the image ends there is no edge
         inside = cv2.erode(view.valid.astype(np.float32), np.ones((7, 7), np.uint8), borderValue=1.0)
         tensor = tensor[0] * inside, tensor[1] * inside, tensor[2] * inside
     return FacePatch(base, camera, view, np.asarray(smooth, dtype=np.uint8), tensor)

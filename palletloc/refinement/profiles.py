@@ -119,8 +119,8 @@ def _places(
     seen = camera.project(both @ camera_from_face[:3, :2].T + camera_from_face[:3, 3])
     valid = seen.valid[0] & seen.valid[1]
     middle, away = seen.pixels[0], seen.pixels[1] - seen.pixels[0]
-    if camera.period_px is not None:
-        away[:, 0] -= camera.period_px * np.round(away[:, 0] / camera.period_px)
+    if camera.period_px is not None and np.abs(away[:, 0]).max() > camera.period_px / 2:
+        away[:, 0] -= camera.period_px * np.rint(away[:, 0] / camera.period_px)
     if not valid.all():
         middle, away = (np.where(valid[:, None], part, 0.0) for part in (middle, away))
     return middle, away, valid

@@ -83,19 +83,18 @@ class FaceSystem:
         self._unknowns = _FIRST_DEPTH + depths
         forklift_from_plane = pose.matrix() @ FACE_IN_PALLET
         self._axes, self._origin = forklift_from_plane[:3, :3], forklift_from_plane[:3, 3]
-        middles = np.array([one.edge.middle for one in seen.edges])
-        ups = np.array([one.edge.middle[1] for one in seen.edges if one.edge.horizontal])
-        motion = self._image_motion(np.concatenate([middles, _ends(ups)]))
+        numbers = np.array(
+            [(*one.edge.middle, *one.edge.outward, one.pixel, one.sigma, one.shift.sigma) for one in seen.edges]
+        )
+        middles, outward, (pixel, measured, own) = numbers[:, :2], numbers[:, 2:4], numbers[:, 4:].T
+        level = outward[:, 0] == 0
+        motion = self._image_motion(np.concatenate([middles, _ends(middles[level, 1])]))
         self._level_slopes = _risen(motion[len(middles) :])
-        outward = np.array([one.edge.outward for one in seen.edges])
-        shared = np.array([0.0 if one.edge.horizontal else _SHARED_PART * one.shift.sigma for one in seen.edges])
-        own = np.array([one.shift.sigma for one in seen.edges])
+        shared = np.where(level, 0.0, _SHARED_PART * own)
         up = float(seen.plane_from_camera[1])
         beside = max(-up, up - model.height)
-        blur = np.minimum([BLUR_PX * one.pixel for one in seen.edges], MOST_BLUR)
-        blur *= np.interp(beside, (LEVEL, NOT_LEVEL), (1.0, 0.0))
-        known = np.hypot([one.sigma for one in seen.edges], blur)
-        sigma = np.sqrt(known**2 + own**2 - shared**2)
+        blur = np.minimum(BLUR_PX * pixel, MOST_BLUR) * np.interp(beside, (LEVEL, NOT_LEVEL), (1.0, 0.0))
+        sigma = np.sqrt(measured**2 + blur**2 + own**2 - shared**2)
         offsets = np.einsum("ni,nij->nj", outward, motion[: len(middles)])
         side = np.array([one.shift.both_seen for one in seen.edges], dtype=int)
         offsets[np.arange(len(side)), _FIRST_SHARED + side] = shared

@@ -251,8 +251,8 @@ class Localizer:
         height = HeightPrior(min(near, key=lambda level: abs(level - pose.z)), prior.level_sigma) if near else None
         model = self.models.get(start.model)
         # an unknown model is refused before its face matters: any face will do
-        stand_in = replace(next(iter(self.models.values())), name=start.model)
-        candidate = Candidate(model or stand_in, pose, height)
+        face = model or replace(next(iter(self.models.values())), name=start.model)
+        candidate = Candidate(face, pose, height)
         reason = Reason.UNKNOWN_MODEL if model is None else self._unusable(pose, model)
         if reason is not None:
             candidate.refuse(Stage.START, reason)

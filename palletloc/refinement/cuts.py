@@ -60,6 +60,8 @@ class FaceCuts:
     """(n,) a quarter of its stretch's length, in metres: no more is left out at an end."""
     level: BoolArray
     """(lines,) which lines are level: they come first."""
+    length: FloatArray
+    """(lines,) from the first to the last end of each line, in metres."""
     kinds: tuple[CutKind, ...]
     """The level lines, then the upright ones, as far as there are any."""
 
@@ -127,11 +129,12 @@ def cuts_across(lines: Sequence[FaceLine], level_spacing: float, upright_spacing
     inner = np.flatnonzero((place > 0) & (place < 1))
     slot, in_line = _table(line[inner], from_middle[inner])
     outward, ends = np.array([one.whole.outward for one in lines])[line], np.minimum(place, 1 - place) * length
-    arrays = line, inner, slot, points, outward, from_middle, in_line, ends, length / 4
-    for array in (*arrays, level):
+    whole = np.array([one.whole.length for one in lines])
+    arrays = line, inner, slot, points, outward, from_middle, in_line, ends, length / 4, level, whole
+    for array in arrays:
         array.flags.writeable = False
     spacing = np.bincount(numbers, weights=lengths) / np.bincount(line[inner])
-    return FaceCuts(tuple(lines), *arrays, level, _kinds(level, line, spacing))
+    return FaceCuts(tuple(lines), *arrays, _kinds(level, line, spacing))
 
 
 def _spread(counts: NDArray[np.intp]) -> tuple[NDArray[np.intp], FloatArray]:

@@ -273,7 +273,9 @@ def _seen(
     seen = measure_face(camera, image, mounting.camera_from_forklift @ face, plane_from_camera, model, reach)
     if seen is None:
         return Reason.OUT_OF_VIEW
-    seen = replace(seen, edges=tuple(one for one in seen.edges if one.fit.coverage >= config.min_coverage))
+    edges = tuple(one for one in seen.edges if one.fit.coverage >= config.min_coverage)
+    if len(edges) < len(seen.edges):
+        seen = replace(seen, edges=edges)
     if len(seen.edges) < config.min_edges:
         return Reason.FEW_EDGES
     return Reason.HIDDEN if seen.hidden_part > config.max_hidden else seen

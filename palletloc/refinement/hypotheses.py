@@ -6,6 +6,7 @@ view of one plane, on which faces at any pose appear by central projection.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
@@ -207,19 +208,19 @@ class _Hypotheses(NamedTuple):
         shape = np.broadcast_shapes(columns.shape, rows.shape)
         return np.broadcast_to(columns, shape), np.broadcast_to(rows, shape)
 
-    def pose(self, patch: FacePatch) -> LevelPose:
-        """Return the pose of a single hypothesis."""
-        x, y, z = patch.plane_from_camera
-        farther = float(self.range.item()) - 1
-        right, depth = float(self.place.item()) - x * farther, farther * z
-        up = float(self.rise.item()) - (y * farther if self.sliding else 0.0)
-        cos, sin = np.cos(patch.base.yaw), np.sin(patch.base.yaw)
-        return LevelPose(
-            float(patch.base.x + sin * right + cos * depth),
-            float(patch.base.y - cos * right + sin * depth),
-            float(patch.base.z + up),
-            wrap_angle(patch.base.yaw + float(self.turn.item())),
-        )
+
+def _pose(patch: FacePatch, sliding: bool, turn: float, distance: float, place: float, rise: float) -> LevelPose:
+    """Return the pose of a hypothesis."""
+    x, y, z = patch.plane_from_camera.tolist()
+    farther = distance - 1
+    right, depth, up = place - x * farther, farther * z, rise - (y * farther if sliding else 0.0)
+    cos, sin = math.cos(patch.base.yaw), math.sin(patch.base.yaw)
+    return LevelPose(
+        patch.base.x + sin * right + cos * depth,
+        patch.base.y - cos * right + sin * depth,
+        patch.base.z + up,
+        wrap_angle(patch.base.yaw + turn),
+    )
 
 
 def _slope(patch: FacePatch, model: PalletModel, turn: FloatArray) -> FloatArray:
@@ -269,7 +270,7 @@ def _peaks(
     remaining = score.copy()
     best = float(score.max())
     for _ in range(config.peaks):
-        row, column = (int(index) for index in np.unravel_index(int(remaining.argmax()), score.shape))
+        row, column = divmod(int(remaining.argmax()), score.shape[1])
         if remaining[row, column] < max(config.min_score, config.min_share * best):
             return
         yield row, column
@@ -291,14 +292,13 @@ def _polished(patch: FacePatch, model: PalletModel, best: FloatArray, grid: Hypo
     weight = samples.level_weight.astype(np.float32)
     for which, field in patch.fields_along(_slope(patch, model, best[:, 0])):
         score[which] += _looked_up(field, columns[which, :, :level], rows[which, :, :level]) @ weight
-    found = []
-    for some, scores in zip(places, score, strict=True):
-        # a plateau has no best place but a middle
-        middle = some[:, scores >= scores.max() - 0.01].mean(axis=1, keepdims=True)
-        turn, distance, place, rise = middle
-        pose = _Hypotheses(turn, distance, place, rise, grid.sliding).pose(patch)
-        found.append(Scored(pose, float(scores.max())))
-    return found
+    # a plateau has no best place but a middle
+    top = score >= score.max(axis=1, keepdims=True) - 0.01
+    middles = np.einsum("pan,pn->pa", places, top) / np.count_nonzero(top, axis=1)[:, None]
+    values = score.max(axis=1).tolist()
+    return [
+        Scored(_pose(patch, grid.sliding, *one), value) for one, value in zip(middles.tolist(), values, strict=True)
+    ]
 
 
 @lru_cache(maxsize=16)

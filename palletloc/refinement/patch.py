@@ -30,6 +30,8 @@ SLOPE_STEP = 0.2
 NOISE = 1.0
 """Gradients of this size are noise, in gray levels per pixel."""
 
+_SUM = np.ones((1, 3), np.float32)
+
 
 @dataclass(frozen=True, slots=True)
 class FacePatch:
@@ -173,4 +175,4 @@ def _tensor(image: Image, resolution: float) -> tuple[Energy, Energy, Energy]:
 
 
 def _summed(channels: NDArray[np.float32]) -> Energy:
-    return np.asarray(cv2.transform(channels, np.ones((1, 3), np.float32)), dtype=np.float32)
+    return np.asarray(cv2.transform(channels, _SUM), dtype=np.float32)

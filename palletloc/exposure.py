@@ -52,7 +52,8 @@ def brightened(image: Image, camera: CameraModel, mounting: Mounting, points: Fl
         return image
     colours = image[rows[inside], columns[inside]].reshape(int(np.count_nonzero(inside)), -1)
     levels = np.sort(colours.max(axis=1))
-    gain = BRIGHT / max(float(levels[round(BRIGHTEST / 100 * (len(levels) - 1))]), 1.0)
+    brightest = float(np.interp(BRIGHTEST / 100 * (len(levels) - 1), np.arange(len(levels)), levels))
+    gain = BRIGHT / max(brightest, 1.0)
     if gain < LEAST_GAIN:
         return image
     return np.asarray(cv2.convertScaleAbs(image, alpha=min(gain, MOST_GAIN)), dtype=np.uint8)

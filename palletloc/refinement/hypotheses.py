@@ -231,7 +231,7 @@ def _slope(patch: FacePatch, model: PalletModel, turn: FloatArray) -> FloatArray
 
 def _looked_up(field: Energy, columns: Energy, rows: Energy) -> Energy:
     """Return a field's values at the nearest pixels, 0 outside it."""
-    count = columns.shape[-1]
+    count = max(columns.shape[-1], 1)  # a model may have none of a kind of points
     columns, rows, values = columns.reshape(-1, count), rows.reshape(-1, count), np.empty(columns.shape, np.float32)
     found = values.reshape(-1, count)
     for first in range(0, len(found), MOST_ROWS):

@@ -239,7 +239,7 @@ class Localizer:
         return brightened(image, self.projector.camera, self.mounting, points)
 
     def _shot(self, image: Image) -> ShotView:
-        return ShotView(image, self.projector, self.mounting, self.mounting.forklift_from_camera.inv())
+        return ShotView(image, self.projector, self.mounting, self.mounting.to_camera)
 
     def _detected(self, detection: Detection) -> Candidate:
         height = None if detection.level is None else HeightPrior(detection.level, self.config.prior.level_sigma)

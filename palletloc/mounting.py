@@ -24,6 +24,8 @@ class Mounting:
     """The camera's origin in the forklift frame, (3,), in metres; read-only."""
     camera_from_forklift: FloatArray = field(init=False, repr=False, compare=False)
     """The inverse of the camera's pose as a (4, 4) matrix; read-only."""
+    to_camera: RigidTransform = field(init=False, repr=False, compare=False)
+    """The same as a transform."""
 
     def __post_init__(self) -> None:
         """Compute what every step asks for."""
@@ -34,6 +36,7 @@ class Mounting:
         for name, array in (("center", center), ("camera_from_forklift", inverse)):
             array.flags.writeable = False
             object.__setattr__(self, name, array)
+        object.__setattr__(self, "to_camera", self.forklift_from_camera.inv())
 
     @property
     def sigma(self) -> FloatArray:

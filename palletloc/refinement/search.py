@@ -94,7 +94,7 @@ def search(
         if area <= LARGEST:
             break
         resolution *= float(np.sqrt(area / LARGEST)) * 1.01
-    patch = view_patch(projector, image, mounting.forklift_from_camera.inv(), base, extent, resolution)
+    patch = view_patch(projector, image, mounting.to_camera, base, extent, resolution)
     if isinstance(patch, Reason):
         return patch
     found = score_hypotheses(patch, model, grid, config)

@@ -101,7 +101,10 @@ def _may_be_pallet(patch: FacePatch, start: LevelPose, candidate: Candidate, con
         return True
     if contrast < GLANCE_CONTRAST:
         return False
-    hoped = Signs(contrast, 1.0, score_pose(patch, candidate.model, start), GLANCE_DOUBT)
+    hoped = Signs(contrast, 1.0, 0.0, GLANCE_DOUBT)
+    if verify(hoped, config.verification).reason is None:
+        return True  # whatever its score
+    hoped = hoped._replace(score=score_pose(patch, candidate.model, start))
     return verify(hoped, config.verification).reason is None
 
 
@@ -200,11 +203,14 @@ def _widen(best: Candidate, growth: float, attempts: Sequence[Candidate]) -> Non
     """Widen the covariance by what the edges leave in doubt, and by rivals as far as they are likely."""
     if best.pose is None or best.covariance is None:
         return
+    best.covariance = best.covariance * (1 + growth)
     rivals = [one for one in attempts if one.pose is not None]
+    if len(rivals) < 2:
+        return
     weight = np.exp([rival.likelihood - best.likelihood for rival in rivals])
     apart = np.array([rival.pose.as_array() - best.pose.as_array() for rival in rivals if rival.pose])
     apart[:, 3] = wrap_angle(apart[:, 3])
-    best.covariance = best.covariance * (1 + growth) + (weight[:, None] * apart).T @ apart / weight.sum()
+    best.covariance = best.covariance + (weight[:, None] * apart).T @ apart / weight.sum()
 
 
 def _near(one: LevelPose, other: LevelPose) -> bool:

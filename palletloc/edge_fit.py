@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
+from scipy.fft import next_fast_len
 
 from palletloc.geometry import BoolArray, FloatArray
 from palletloc.matching import Energy
@@ -219,14 +220,16 @@ def _robust_lines(peaks: EdgePeaks, floor: FloatArray, limit: FloatArray) -> _Li
     apart = along[:, half : 2 * half] - along[:, :half]
     unpaired = missing[:, half : 2 * half] | missing[:, :half] | (apart <= 0)
     pairs = (value[:, half : 2 * half] - value[:, :half]) / np.where(unpaired, 1.0, apart)
-    slope = np.clip(_Medians(unpaired).of(pairs), -2 * limit, 2 * limit)
+    slope = np.minimum(np.maximum(_Medians(unpaired).of(pairs), -2 * limit), 2 * limit)
     medians = _Medians(missing)
     offset = medians.of(value - slope[:, None] * along)
     # what the weights are multiplied with, for all sums at once
-    sums = np.stack([np.ones_like(along), along, value, along * along, along * value], axis=2)
+    sums = np.empty((*along.shape, 5))
+    sums[..., 0] = counted = ~missing
+    for k, product in enumerate((along, value, along * along, along * value), 1):
+        sums[..., k] = product * counted
     for turn in range(REWEIGHTINGS + 1):
         residual = value - (offset[:, None] + slope[:, None] * along)
-        residual[missing] = np.inf
         scale = np.maximum(1.4826 * medians.of(np.abs(residual)), floor)
         if turn == REWEIGHTINGS:
             break
@@ -237,6 +240,7 @@ def _robust_lines(peaks: EdgePeaks, floor: FloatArray, limit: FloatArray) -> _Li
         # the limit acts as an observation of a zero slope
         slope = (av - a * v / total) / (aa - a * a / total + (scale / limit) ** 2 + 1e-12)
         offset = (v - slope * a) / total
+    residual[missing] = np.inf
     return _Lines(offset, slope, residual, scale)
 
 
@@ -252,21 +256,25 @@ class _Medians:
     def __init__(self, left_out: BoolArray) -> None:
         count = left_out.shape[1] - np.count_nonzero(left_out, axis=1)
         self._left_out = left_out
-        self._empty = count == 0
+        self._empty = np.flatnonzero(count == 0)
         self._at = np.arange(len(count)), np.maximum(count - 1, 0) // 2
 
     def of(self, values: FloatArray) -> FloatArray:
         """Return the median of each row, 0 where nothing counts; sorts the given array."""
         values[self._left_out] = np.inf
         values.sort(axis=1)
-        return np.where(self._empty, 0.0, values[self._at])
+        found: FloatArray = values[self._at]
+        found[self._empty] = 0.0
+        return found
 
 
 def _correlation_length(residual: FloatArray, step: FloatArray) -> FloatArray:
     """Return the length over which the residuals of each edge are alike, in metres."""
-    lags = residual.shape[1] // 3
-    spectrum = np.fft.rfft(residual, 2 * residual.shape[1], axis=1)
-    power = np.fft.irfft(spectrum * spectrum.conj(), axis=1)[:, :lags]
+    count = residual.shape[1]
+    lags = count // 3
+    size = next_fast_len(count + lags, real=True)  # enough for so many lags not to meet the other end
+    spectrum = np.fft.rfft(residual, size, axis=1)
+    power = np.fft.irfft(spectrum * spectrum.conj(), size, axis=1)[:, :lags]
     correlation = power / (power[:, :1] + 1e-18)
     alike = np.logical_and.accumulate(correlation[:, 1:] > LEAST_CORRELATION, axis=1)
     return np.asarray((1 + 2 * np.einsum("ij,ij->i", correlation[:, 1:], alike)) * step)

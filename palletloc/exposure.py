@@ -43,14 +43,17 @@ def brightened(image: Image, camera: CameraModel, mounting: Mounting, points: Fl
     Image
         The shot itself where it is bright enough there.
     """
-    seen = camera.project(mounting.forklift_from_camera.inv().apply(points))
+    matrix = mounting.camera_from_forklift
+    seen = camera.project(points @ matrix[:3, :3].T + matrix[:3, 3])
     height, width = image.shape[:2]
     columns, rows = np.rint(seen.pixels[seen.valid]).astype(np.intp).T
     inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
     if not inside.any():
         return image
-    colours = image[rows[inside], columns[inside]].reshape(int(inside.sum()), -1)
-    gain = BRIGHT / max(float(np.percentile(colours.max(axis=1), BRIGHTEST)), 1.0)
+    colours = image[rows[inside], columns[inside]].reshape(int(np.count_nonzero(inside)), -1)
+    levels = np.sort(colours.max(axis=1))
+    brightest = float(np.interp(BRIGHTEST / 100 * (len(levels) - 1), np.arange(len(levels)), levels))
+    gain = BRIGHT / max(brightest, 1.0)
     if gain < LEAST_GAIN:
         return image
     return np.asarray(cv2.convertScaleAbs(image, alpha=min(gain, MOST_GAIN)), dtype=np.uint8)
@@ -93,6 +96,13 @@ def points_about(poses: Sequence[LevelPose]) -> FloatArray:
     (n, 3) array
         In the forklift frame.
     """
-    right, up = np.meshgrid(np.arange(-ABOUT, ABOUT, STEP), np.arange(-STEP, 2 * STEP, STEP / 2))
-    face = np.column_stack([np.zeros(right.size), right.ravel(), up.ravel()])
-    return np.concatenate([pose.transform().apply(face) for pose in poses])
+    return np.concatenate([_AROUND @ pose.matrix()[:3, 1:3].T + (pose.x, pose.y, pose.z) for pose in poses])
+
+
+def _around() -> FloatArray:
+    """Return points on and around a face, (n, 2): left and up, in metres."""
+    left, up = np.meshgrid(np.arange(-ABOUT, ABOUT, STEP), np.arange(-STEP, 2 * STEP, STEP / 2))
+    return np.stack([left.ravel(), up.ravel()], axis=1)
+
+
+_AROUND = _around()

@@ -7,6 +7,7 @@ rounding where the camera cannot see the adjoining surface, and towards the far 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import lru_cache
@@ -178,7 +179,7 @@ def contour_shift(radius: float, tangent: float) -> float:
     return radius * (1 + tangent - math.hypot(1.0, tangent))
 
 
-def edge_shift(edge: FaceEdge, plane_from_camera: FloatArray, model: PalletModel) -> EdgeShift:
+def edge_shift(edge: FaceEdge, plane_from_camera: FloatArray | Sequence[float], model: PalletModel) -> EdgeShift:
     """Predict where an image shows an edge that is rounded.
 
     With the tangent ``t`` of the viewing direction across the edge: an edge whose adjoining surface is hidden

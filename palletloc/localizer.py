@@ -37,6 +37,9 @@ METHODS: dict[Method, Measure] = {
 ABOVE = 0.3
 """How far above the highest level the light on the shelf is looked at, in metres."""
 
+ON_FACE = np.array([(part, up) for up in (0.0, 1.0) for part in np.linspace(-0.5, 0.5, 9)])
+"""(n, 2) places on a face of which a given pose must show one, in parts of its width and height."""
+
 
 @dataclass(frozen=True, slots=True)
 class Start:
@@ -241,7 +244,7 @@ class Localizer:
         return brightened(image, self.projector.camera, self.mounting, points)
 
     def _shot(self, image: Image) -> ShotView:
-        return ShotView(image, self.projector, self.mounting, self.mounting.forklift_from_camera.inv())
+        return ShotView(image, self.projector, self.mounting, self.mounting.to_camera)
 
     def _detected(self, detection: Detection) -> Candidate:
         height = None if detection.level is None else HeightPrior(detection.level, self.config.prior.level_sigma)
@@ -253,8 +256,8 @@ class Localizer:
         height = HeightPrior(min(near, key=lambda level: abs(level - pose.z)), prior.level_sigma) if near else None
         model = self.models.get(start.model)
         # an unknown model is refused before its face matters: any face will do
-        stand_in = replace(next(iter(self.models.values())), name=start.model)
-        candidate = Candidate(model or stand_in, pose, height)
+        face = model or replace(next(iter(self.models.values())), name=start.model)
+        candidate = Candidate(face, pose, height)
         reason = Reason.UNKNOWN_MODEL if model is None else self._unusable(pose, model)
         if reason is not None:
             candidate.refuse(Stage.START, reason)
@@ -267,9 +270,8 @@ class Localizer:
         place, center = (pose.x, pose.y, pose.z), self.mounting.center
         if math.dist(place, center) > RANGE_SLACK * self.config.detection.max_range:
             return Reason.OUT_OF_RANGE
-        right, up = np.meshgrid(np.linspace(-0.5, 0.5, 9) * model.width, [0.0, model.height])
         camera_from_pallet = self.mounting.camera_from_forklift @ pose.matrix()
-        face = np.stack([right.ravel(), up.ravel()], axis=1) @ camera_from_pallet[:3, 1:3].T
+        face = (ON_FACE * (model.width, model.height)) @ camera_from_pallet[:3, 1:3].T
         seen = self.projector.camera.project(face + camera_from_pallet[:3, 3])
         return None if seen.valid.any() else Reason.OUT_OF_VIEW
 

@@ -24,6 +24,9 @@ PALLET_FROM_VERTICAL = RigidTransform.from_rotation(
     Rotation.from_matrix([[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 )
 """Axes of a vertical plane (right, up, towards the viewer) in the pallet frame."""
+FACE_IN_PALLET: FloatArray = PALLET_FROM_VERTICAL.as_matrix()
+"""The same as a (4, 4) matrix."""
+FACE_IN_PALLET.flags.writeable = False
 PALLET_FROM_HORIZONTAL = RigidTransform.from_rotation(
     Rotation.from_matrix([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 )
@@ -115,7 +118,10 @@ class PlaneGrid:
 
     def pixels(self, points: FloatArray) -> FloatArray:
         """Convert metres to pixels: the inverse of `points`."""
-        return np.stack([points[..., 0] - self.left, self.top - points[..., 1]], -1) / self.resolution
+        pixels = np.empty(points.shape)
+        pixels[..., 0] = (points[..., 0] - self.left) / self.resolution
+        pixels[..., 1] = (self.top - points[..., 1]) / self.resolution
+        return pixels
 
 
 @dataclass(frozen=True, slots=True)

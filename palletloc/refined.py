@@ -48,11 +48,11 @@ def measure_refined(shot: ShotView, candidate: Candidate, config: LocalizerConfi
         return start
 
     weak = source is YawSource.FACE or candidate.height is None
-    again = replace(candidate, horizontal=list(candidate.horizontal))
     keep_best(shot, candidate, looked.starts, ready, weak, config)
     if candidate.refusal is None or candidate.height is None:
         return None
     # a faint face may score less than what stands around it, while the start was right
+    again = Candidate(candidate.model, candidate.start, candidate.height, candidate.score, search=looked)
     start = replace(candidate.start, z=candidate.height.z)
     keep_best(shot, again, [(start, looked.patch)], ready, weak, config)
     if again.refusal is None:

@@ -244,7 +244,7 @@ def _coarse_nodes(plane: _SeenPlane) -> _Nodes:
         reference = _reference_column(pixels, valid)
         _unwrap(pixels, reference, plane.camera.period_px)
         rough = _rough_cells(pixels, valid)
-        if rough.mean() <= _WORTH_HALVING * (2 / step) ** 2:
+        if np.count_nonzero(rough) <= _WORTH_HALVING * (2 / step) ** 2 * rough.size:
             break
     return _Nodes(step, pixels, valid, rough, reference)
 

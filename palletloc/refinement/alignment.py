@@ -21,7 +21,7 @@ from palletloc.geometry import FloatArray, Image, LevelPose, wrap_angle
 from palletloc.measurement import HeightPrior, Reason
 from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
-from palletloc.plane import PALLET_FROM_VERTICAL
+from palletloc.plane import FACE_IN_PALLET
 from palletloc.refinement.agreement import LevelYaw, level_yaw
 from palletloc.refinement.depth_edges import visible_depth_edges
 from palletloc.refinement.edges import EdgeReach, SeenFace, measure_face
@@ -41,8 +41,6 @@ FAINT_UPRIGHT = 0.2
 """Part of the level edges' gradient that upright ones have at least in a pallet: they belong to the same blocks."""
 HIDDEN_DOUBT = 0.5
 """How much an edge counts as missing that something seems to stand before."""
-FACE_IN_PALLET = PALLET_FROM_VERTICAL.as_matrix()
-"""The face's plane in the pallet frame."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +97,8 @@ class FaceEstimate:
     """(edges,) weight of each edge in the robust fit, 0 to 1."""
     chi2: float
     """Mean squared normalised residual of the edges that count."""
+    doubt: float
+    """How many edges are missing or contradict the others; below about 1 the pose is the right one."""
     lines: tuple[FaceEdge, ...]
     """The lines of the face that the camera would see if nothing stood before it."""
     level_yaw: LevelYaw | None = None
@@ -109,20 +109,12 @@ class FaceEstimate:
     @property
     def hidden(self) -> tuple[FaceEdge, ...]:
         """Edges that something stands before."""
-        spans = self.seen.hidden
-        return tuple(line for line in self.lines if is_hidden(line, spans)) if spans else ()
+        return _hidden(self.seen, self.lines)
 
     @property
     def coverage(self) -> float:
         """Part of the face's edges that lies where the pose says, 0 to 1: the mean of level and upright ones."""
         return _coverage(self.seen, self.lines, self.weights)
-
-    @property
-    def doubt(self) -> float:
-        """How many edges are missing or contradict the others; below about 1 the pose is the right one."""
-        says = np.array([self.seen.says(one.edge) for one in self.seen.edges])
-        missing = self.seen.expected - float(says @ self.weights) + HIDDEN_DOUBT * len(self.hidden)
-        return float(max(missing + max(self.chi2 - 1.0, 0.0) - EDGES_PER_NAT * self.behind, 0.0))
 
 
 def fit_face(
@@ -232,7 +224,7 @@ def _solved(
         evidence = look_behind(camera, image, camera_from_face, model, edges, system, solution, estimate.doubt)
         if evidence > 0:
             solution = system.solve()
-            estimate = replace(_estimate(system.seen, pose, model, solution), behind=evidence)
+            estimate = _estimate(system.seen, pose, model, solution, evidence)
     return _Round(estimate, solution.motion, np.sqrt(solution.covariance.diagonal()))
 
 
@@ -285,13 +277,17 @@ def _seen(
     seen = measure_face(camera, image, mounting.camera_from_forklift @ face, plane_from_camera, model, reach, posts)
     if seen is None:
         return Reason.OUT_OF_VIEW
-    seen = replace(seen, edges=tuple(one for one in seen.edges if one.fit.coverage >= config.min_coverage))
+    edges = tuple(one for one in seen.edges if one.fit.coverage >= config.min_coverage)
+    if len(edges) < len(seen.edges):
+        seen = replace(seen, edges=edges)
     if len(seen.edges) < config.min_edges:
         return Reason.FEW_EDGES
     return Reason.HIDDEN if seen.hidden_part > config.max_hidden else seen
 
 
-def _estimate(seen: SeenFace, pose: LevelPose, model: PalletModel, solution: FaceSolution) -> FaceEstimate:
+def _estimate(
+    seen: SeenFace, pose: LevelPose, model: PalletModel, solution: FaceSolution, behind: float = 0.0
+) -> FaceEstimate:
     right, up, depth, turn = (float(value) for value in solution.motion)
     cos, sin = float(np.cos(pose.yaw)), float(np.sin(pose.yaw))
     moved = LevelPose(
@@ -303,7 +299,20 @@ def _estimate(seen: SeenFace, pose: LevelPose, model: PalletModel, solution: Fac
     forklift_from_face = np.array([[sin, 0, cos, 0], [-cos, 0, sin, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
     covariance = forklift_from_face @ solution.covariance @ forklift_from_face.T
     lines = tuple(line.whole for line in visible_lines(model, seen.plane_from_camera))
-    return FaceEstimate(moved, covariance, seen, solution.weights, solution.chi2, lines)
+    doubt = _doubt(seen, lines, solution, behind)
+    return FaceEstimate(moved, covariance, seen, solution.weights, solution.chi2, doubt, lines, behind=behind)
+
+
+def _doubt(seen: SeenFace, lines: Sequence[FaceEdge], solution: FaceSolution, behind: float) -> float:
+    """Return how many edges are missing or contradict the others, with what the edges behind the face make up for."""
+    says = np.array([seen.says(one.edge) for one in seen.edges])
+    missing = seen.expected - float(says @ solution.weights) + HIDDEN_DOUBT * len(_hidden(seen, lines))
+    return max(missing + max(solution.chi2 - 1.0, 0.0) - EDGES_PER_NAT * behind, 0.0)
+
+
+def _hidden(seen: SeenFace, lines: Sequence[FaceEdge]) -> tuple[FaceEdge, ...]:
+    """Return the lines that something stands before."""
+    return tuple(line for line in lines if is_hidden(line, seen.hidden))
 
 
 def _coverage(seen: SeenFace, lines: Sequence[FaceEdge], weights: FloatArray) -> float:

@@ -47,20 +47,17 @@ def opening_contrasts(patch: FacePatch, model: PalletModel, pose: LevelPose, hid
     pixels = np.rint(patch.view.grid.pixels(patch.appearing(pose, points.reshape(-1, 2)))).astype(np.intp)
     rows, columns = patch.smooth.shape[:2]
     column, row = pixels.T
-    inside = (column >= 0) & (row >= 0) & (column < columns) & (row < rows)
-    if not inside.all() or not patch.view.valid[row, column].all():
+    if pixels.min() < 0 or column.max() >= columns or row.max() >= rows or not patch.view.valid[row, column].all():
         return np.full(len(model.openings), np.nan)
     seen = patch.smooth[row, column].reshape(*points.shape[:2], -1).astype(np.float64)
     weight, part = _weights(points, hidden)
     count = len(model.blocks)
     mean = np.einsum("bn,bnc->bc", weight[:count], seen[:count])
     within = np.einsum("bn,bn->b", weight[:count], _squares(seen[:count] - mean[:, None]))
-    # where one block is hidden the other has to do, where both are it makes no difference
-    left, right = _counted(part[: count - 1], part[1:count]), _counted(part[1:count], part[: count - 1])
-    parts = np.stack([left, right]) / (left.astype(int) + right)
-    center = parts[0, :, None] * mean[:-1] + parts[1, :, None] * mean[1:]
-    between = parts[0] * parts[1] * ((mean[:-1] - mean[1:]) ** 2).sum(axis=1)
-    spread = np.sqrt(parts[0] * within[:-1] + parts[1] * within[1:] + between + NOISE**2)
+    left, right = _shares(part[:count])
+    center = left[:, None] * mean[:-1] + right[:, None] * mean[1:]
+    between = left * right * ((mean[:-1] - mean[1:]) ** 2).sum(axis=1)
+    spread = np.sqrt(left * within[:-1] + right * within[1:] + between + NOISE**2)
     away = _squares(seen[count:] - center[:, None])
     away = np.sort(np.where(weight[count:] > 0, away, np.inf), axis=1)
     middle = np.count_nonzero(weight[count:], axis=1) // 2
@@ -72,20 +69,25 @@ def shown_openings(model: PalletModel, hidden: Spans) -> BoolArray:
     return np.array([1 - hidden_part(one.left, one.right, hidden) >= SHOWN for one in model.openings])
 
 
-def _counted(one: FloatArray, other: FloatArray) -> BoolArray:
-    """Tell which blocks count: those that are seen, and where neither of two neighbours is, both."""
-    return np.asarray((one >= SHOWN) | (other < SHOWN))
-
-
 def _weights(points: FloatArray, hidden: Spans) -> tuple[FloatArray, FloatArray]:
     """Return (blocks and openings, n) weights of points that sum up to 1, and which part of each nothing hides."""
     right = points[..., 0]
     seen = np.ones(right.shape)
+    if not hidden:
+        return seen / right.shape[1], seen[:, 0]
     for low, high in hidden:
         seen[(right > low) & (right < high)] = 0.0
     part = seen.mean(axis=1)
     seen[part == 0] = 1.0
     return seen / seen.sum(axis=1, keepdims=True), part
+
+
+def _shares(part: FloatArray) -> FloatArray:
+    """Return what the left and the right block beside each opening count, (2, openings), by what is seen of each."""
+    shown = part >= SHOWN
+    # where one block is hidden the other has to do, where both are it makes no difference
+    both = np.where(shown[:-1] | shown[1:], np.stack([shown[:-1], shown[1:]]), True)
+    return np.asarray(both / both.sum(axis=0))
 
 
 def _squares(colours: FloatArray) -> FloatArray:

@@ -23,6 +23,18 @@ PADS = 2
 
 
 @dataclass(frozen=True, slots=True)
+class CutKind:
+    """The cuts across all lines of one direction."""
+
+    lines: slice
+    """Which lines."""
+    cuts: slice
+    """Which cuts."""
+    spacing: float
+    """Mean distance between neighbouring cuts across a line, in metres."""
+
+
+@dataclass(frozen=True, slots=True)
 class FaceCuts:
     """Cuts across the lines of a face, stretch by stretch; its arrays are shared and read-only."""
 
@@ -33,31 +45,36 @@ class FaceCuts:
     inner: NDArray[np.intp]
     """(m,) which cuts are none of the pads."""
     slot: NDArray[np.intp]
-    """(m,) their places among the cuts of their line."""
+    """(m,) their places in the rows of all lines, one after the other, each of the same length."""
     points: FloatArray
     """(n, 2) where it crosses the drawn line: right and up on the face, in metres."""
     outward: FloatArray
-    """(lines, 2) unit vectors across each line, out of the solid."""
+    """(n, 2) unit vectors along each cut, out of the solid."""
     along: FloatArray
     """(n,) position along the line from its middle, in metres."""
+    in_line: FloatArray
+    """(lines, count) the same by line, without pads, filled up with zeros."""
     end: FloatArray
     """(n,) distance from the nearer end of its stretch, in metres; negative for pads."""
     shortest: FloatArray
     """(n,) a quarter of its stretch's length, in metres: no more is left out at an end."""
-    count: int
-    """Most cuts across one line."""
     level: BoolArray
     """(lines,) which lines are level: they come first."""
-    level_cuts: int
-    """How many of the cuts, the first ones, are across level lines."""
-    spacing: FloatArray
-    """(lines,) distance between neighbouring cuts, in metres."""
+    length: FloatArray
+    """(lines,) from the first to the last end of each line, in metres."""
+    kinds: tuple[CutKind, ...]
+    """The level lines, then the upright ones, as far as there are any."""
+
+    @property
+    def count(self) -> int:
+        """Most cuts across one line."""
+        return int(self.in_line.shape[1])
 
     def by_line(self, values: NDArray[Any], fill: float) -> FloatArray:
         """Return values of the cuts as (lines, count) without pads, filled up where a line has fewer."""
-        padded = np.full((len(self.lines), self.count), fill)
-        padded[self.line[self.inner], self.slot] = values[self.inner]
-        return padded
+        padded = np.full(self.in_line.size, fill)
+        padded[self.slot] = values[self.inner]
+        return padded.reshape(self.in_line.shape)
 
 
 @lru_cache(maxsize=256)
@@ -102,45 +119,46 @@ def cuts_across(lines: Sequence[FaceLine], level_spacing: float, upright_spacing
     numbers = np.repeat(np.arange(len(lines)), [len(line.edges) for line in lines])
     counts = np.array([_count(edge, level_spacing, upright_spacing) for edge in edges])
     lengths, starts = np.array([edge.length for edge in edges]), np.array([edge.start for edge in edges])
-    # for each cut: its stretch, and which one of it, negative for the first pads
-    stretch = np.repeat(np.arange(len(edges)), counts + 2 * PADS)
-    everyone = np.arange(len(stretch))
-    which = everyone - (np.cumsum(counts + 2 * PADS) - counts - PADS)[stretch]
-    line, count, length = numbers[stretch], counts[stretch], lengths[stretch]
-    place = (which + 0.5) / count
-    outward = np.array([one.whole.outward for one in lines])
+    stretch, place = _spread(counts)
+    line, length, half = numbers[stretch], lengths[stretch], 0.5 / counts[stretch]
     level = np.array([one.whole.horizontal for one in lines])
-    along = everyone, np.where(level[line], 0, 1)
+    along = np.arange(len(stretch)), np.where(level[line], 0, 1)
     points = starts[stretch]
-    points[along] += np.clip(place, 0.5 / count, 1 - 0.5 / count) * length
-    inner = np.flatnonzero((which >= 0) & (which < count))
-    totals = np.bincount(line[inner], minlength=len(lines))
-    joined = {
-        "line": line,
-        "inner": inner,
-        "slot": np.arange(len(inner)) - (np.cumsum(totals) - totals)[line[inner]],
-        "points": points,
-        "along": (points - np.array([one.whole.middle for one in lines])[line])[along],
-        "end": np.minimum(place, 1 - place) * length,
-        "least": length / 4,
-    }
-    for array in (*joined.values(), outward, level):
+    points[along] += np.clip(place, half, 1 - half) * length
+    from_middle = (points - np.array([one.whole.middle for one in lines])[line])[along]
+    inner = np.flatnonzero((place > 0) & (place < 1))
+    slot, in_line = _table(line[inner], from_middle[inner])
+    outward, ends = np.array([one.whole.outward for one in lines])[line], np.minimum(place, 1 - place) * length
+    whole = np.array([one.whole.length for one in lines])
+    arrays = line, inner, slot, points, outward, from_middle, in_line, ends, length / 4, level, whole
+    for array in arrays:
         array.flags.writeable = False
-    return FaceCuts(
-        tuple(lines),
-        joined["line"],
-        joined["inner"],
-        joined["slot"],
-        joined["points"],
-        outward,
-        joined["along"],
-        joined["end"],
-        joined["least"],
-        int(totals.max()),
-        level,
-        int(np.count_nonzero(level[line])),
-        np.bincount(numbers, weights=lengths) / totals,
-    )
+    spacing = np.bincount(numbers, weights=lengths) / np.bincount(line[inner])
+    return FaceCuts(tuple(lines), *arrays, _kinds(level, line, spacing))
+
+
+def _spread(counts: NDArray[np.intp]) -> tuple[NDArray[np.intp], FloatArray]:
+    """Return the stretch of each cut and its place there, in parts of its length; those of pads are outside it."""
+    padded = counts + 2 * PADS
+    stretch = np.repeat(np.arange(len(counts)), padded)
+    which = np.arange(len(stretch)) - (np.cumsum(padded) - counts - PADS)[stretch]
+    return stretch, (which + 0.5) / counts[stretch]
+
+
+def _table(line: NDArray[np.intp], values: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
+    """Return the places of cuts without pads in a table that has a row for each line, and a table of their values."""
+    totals = np.bincount(line)
+    table = np.zeros((len(totals), int(totals.max())))
+    slot = line * table.shape[1] + np.arange(len(line)) - (np.cumsum(totals) - totals)[line]
+    table.flat[slot] = values
+    return slot, table
+
+
+def _kinds(level: BoolArray, line: NDArray[np.intp], spacing: FloatArray) -> tuple[CutKind, ...]:
+    """Return the kinds of lines there are; the first lines are level."""
+    lines, cuts = int(np.count_nonzero(level)), int(np.count_nonzero(level[line]))
+    parts = (slice(lines), slice(cuts)), (slice(lines, None), slice(cuts, None))
+    return tuple(CutKind(these, those, float(spacing[these].mean())) for these, those in parts if len(spacing[these]))
 
 
 def _count(edge: FaceEdge, level_spacing: float, upright_spacing: float) -> int:

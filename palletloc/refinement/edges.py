@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from statistics import median
 
@@ -16,7 +17,7 @@ from palletloc.geometry import FloatArray, Image
 from palletloc.pallet import PalletModel
 from palletloc.refinement.cuts import face_cuts
 from palletloc.refinement.occlusion import Spans, hidden_spans, is_hidden, joined
-from palletloc.refinement.profiles import Profiles, Samples, cut_profiles
+from palletloc.refinement.profiles import MARGIN, Profiles, Samples, cut_profiles
 
 SMOOTHING_PX = 1.0
 """Standard deviation of the smoothing along an edge, in pixels of the image."""
@@ -77,17 +78,15 @@ class SeenFace:
 
     def loaded(self, edge: FaceEdge) -> bool:
         """Tell whether a load may begin at an edge: at the upper one, seen from above."""
-        return edge.kind is EdgeKind.TOP and bool(self.plane_from_camera[1] > edge.middle[1])
+        return _loaded(self.plane_from_camera, edge)
 
     def borders_on_side(self, edge: FaceEdge) -> bool:
         """Tell whether the pallet's own side begins at an edge: at the one towards a viewer who stands aside."""
-        return edge.kind is EdgeKind.SIDE and bool(self.plane_from_camera[0] * edge.outward[0] > abs(edge.middle[0]))
+        return _borders_on_side(self.plane_from_camera, edge)
 
     def says(self, edge: FaceEdge) -> float:
         """Return how much it says whether an edge is seen, 0 to 1: less where what borders on it may look alike."""
-        if self.loaded(edge):
-            return 0.0
-        return BORDERING if self.borders_on_side(edge) else 1.0
+        return _says(self.plane_from_camera, edge)
 
     def width_px(self, width: float) -> float:
         """Return how wide a face of so many metres is in the image, in pixels; 0 where no upright edge is seen."""
@@ -148,7 +147,7 @@ def measure_face(
         With the edges of which enough is seen for a line; None where the camera does not see the whole face.
     """
     right, up = _pixel_sizes(camera, camera_from_face, model)
-    if not np.isfinite(right + up):
+    if not math.isfinite(right + up):
         return None
     below = bool(plane_from_camera[1] < 0)
     # spacings from a ladder: a cut a pixel apart is enough, and the cuts of a model are kept
@@ -156,10 +155,11 @@ def measure_face(
     pixel = np.where(cuts.level[:, None], [[up, right]], [[right, up]])
     across = pixel[:, 0]
     far = np.maximum(np.where(cuts.level, reach.level, reach.upright), reach.pixels * across)
-    gaps = [_gaps(model)[line.whole] for line in cuts.lines]
+    gaps = _gaps(model, below)
     if reach.settled:
         far = np.minimum(far, np.maximum(0.5 * np.array(gaps), LEAST_REACH * across))
-    shifts = [edge_shift(line.whole, plane_from_camera, model) for line in cuts.lines]
+    center = plane_from_camera.tolist()
+    shifts = [edge_shift(line.whole, center, model) for line in cuts.lines]
     mean = np.array([shift.mean for shift in shifts])
     profiles = cut_profiles(camera, image, camera_from_face, cuts, mean, far, pixel)
     if not profiles.valid.all():
@@ -177,9 +177,23 @@ def measure_face(
         for line, fit, gap, shift, size in zip(cuts.lines, fits, gaps, shifts, across.tolist(), strict=True)
         if fit is not None and not is_hidden(line.whole, hidden)
     )
-    seen = SeenFace(plane_from_camera, edges, 0, hidden, sum(right - left for left, right in hidden) / model.width)
-    expected = sum(seen.says(line.whole) for line in cuts.lines if not is_hidden(line.whole, hidden))
-    return replace(seen, expected=expected)
+    expected = sum(_says(center, line.whole) for line in cuts.lines if not is_hidden(line.whole, hidden))
+    hidden_part = sum(right - left for left, right in hidden) / model.width
+    return SeenFace(plane_from_camera, edges, expected, hidden, hidden_part)
+
+
+def _loaded(camera: FloatArray | Sequence[float], edge: FaceEdge) -> bool:
+    return edge.kind is EdgeKind.TOP and bool(camera[1] > edge.middle[1])
+
+
+def _borders_on_side(camera: FloatArray | Sequence[float], edge: FaceEdge) -> bool:
+    return edge.kind is EdgeKind.SIDE and bool(camera[0] * edge.outward[0] > abs(edge.middle[0]))
+
+
+def _says(camera: FloatArray | Sequence[float], edge: FaceEdge) -> float:
+    if _loaded(camera, edge):
+        return 0.0
+    return BORDERING if _borders_on_side(camera, edge) else 1.0
 
 
 def _pixel_sizes(camera: CameraModel, camera_from_face: FloatArray, model: PalletModel) -> tuple[float, float]:
@@ -190,24 +204,29 @@ def _pixel_sizes(camera: CameraModel, camera_from_face: FloatArray, model: Palle
     pixels, valid = camera.project(points @ camera_from_face[:3, :2].T + camera_from_face[:3, 3])
     if not valid.all():
         return np.inf, np.inf
-    moved = pixels[1:] - pixels[0]
-    if camera.period_px is not None:
-        moved[:, 0] -= camera.period_px * np.round(moved[:, 0] / camera.period_px)
-    right, up = (step / np.maximum(np.hypot(*moved.T), 1e-9)).tolist()
+    at, *ends = pixels.tolist()
+    right, up = (step / max(_apart(at, end, camera.period_px), 1e-9) for end in ends)
     return right, up
+
+
+def _apart(one: Sequence[float], other: Sequence[float], period: float | None) -> float:
+    """Return the distance of two pixels, the shorter way round where the image is closed."""
+    across = other[0] - one[0]
+    if period is not None:
+        across -= period * round(across / period)
+    return math.hypot(across, other[1] - one[1])
 
 
 def _rung(size: float) -> float:
     """Return a size rounded to a power of the square root of two."""
-    return float(2.0 ** (round(2 * np.log2(size)) / 2))
+    return float(2.0 ** (round(2 * math.log2(size)) / 2))
 
 
 def _fits(profiles: Profiles, along_px: float) -> tuple[EdgePeaks, list[EdgeFit | None]]:
     """Return the peaks on each edge and a line through them, with the image smoothed along by so many pixels."""
     cuts, across, along = profiles.cuts, profiles.pixel[:, 0], profiles.pixel[:, 1]
-    lengths = np.array([line.whole.length for line in cuts.lines])
     # an upright edge stays upright: only level ones may tilt, by the yaw
-    tilt = np.where(cuts.level, np.inf, 0.5 * across / lengths)
+    tilt = np.where(cuts.level, np.inf, 0.5 * across / cuts.length)
     peaks = _peaks(profiles, profiles.gradient(along_px))
     return peaks, fit_edges(peaks, across, along, profiles.reach, tilt)
 
@@ -221,28 +240,33 @@ def _clearer(fine: EdgeFit | None, smooth: EdgeFit | None) -> EdgeFit | None:
 
 def _peaks(profiles: Profiles, gradient: Samples) -> EdgePeaks:
     """Return the strongest true local maximum on each cut: the end of a slope would only return the prediction."""
-    cuts = profiles.cuts
-    left, middle, right = gradient[:, :-2], gradient[:, 1:-1], gradient[:, 2:]
-    offsets = profiles.offsets[1:-1]
-    peak = np.where((middle > left) & (middle >= right) & (np.abs(offsets) <= 1 + 1e-9), middle, np.float32(0.0))
-    best = peak.argmax(axis=1)
-    row = np.arange(len(best))
-    a, b, c = (part[row, best].astype(np.float64) for part in (left, middle, right))
-    shift = np.clip(0.5 * (a - c) / np.minimum(a - 2 * b + c, -1e-9), -0.5, 0.5)
+    cuts, count = profiles.cuts, gradient.shape[1]
+    # within the reach; the samples beyond it are only neighbours
+    left, middle, right = (
+        gradient[:, first : count - 2 * MARGIN + first] for first in (MARGIN - 1, MARGIN, MARGIN + 1)
+    )
+    offsets = profiles.offsets[MARGIN:-MARGIN]
+    peaked = (middle > left) & (middle >= right)
+    best = (middle * peaked).argmax(axis=1)
+    at = np.arange(len(best)) * count + best + MARGIN - 1
+    a, b, c = (gradient.ravel().take(at + which).astype(np.float64) for which in (0, 1, 2))
+    shift = np.minimum(np.maximum(0.5 * (a - c) / np.minimum(a - 2 * b + c, -1e-9), -0.5), 0.5)
     offset = (offsets[best] + shift * (offsets[1] - offsets[0])) * profiles.reach[cuts.line]
     trimmed = cuts.end < np.minimum(END_PIXELS * profiles.pixel[cuts.line, 1], cuts.shortest)
-    strength = np.where(trimmed, -1.0, peak[row, best])
-    return EdgePeaks(cuts.by_line(cuts.along, 0.0), cuts.by_line(offset, 0.0), cuts.by_line(strength, -1.0))
+    strength = np.where(trimmed, -1.0, b * peaked[np.arange(len(best)), best])
+    return EdgePeaks(cuts.in_line, cuts.by_line(offset, 0.0), cuts.by_line(strength, -1.0))
 
 
 @lru_cache(maxsize=64)
-def _gaps(model: PalletModel) -> dict[FaceEdge, float]:
-    """Return the distance of each line of the face from the next parallel one that it may be mistaken for."""
-    level = {line.whole: line.whole.middle[1] for line in face_lines(model) if line.whole.horizontal}
-    gaps = dict.fromkeys((line.whole for line in face_lines(model)), math.inf)
-    for edge, up in level.items():
-        gaps[edge] = min((abs(up - other) for other in level.values() if other != up), default=math.inf)
-    return gaps
+def _gaps(model: PalletModel, without_bottom: bool) -> tuple[float, ...]:
+    """Return the distance of each line that is cut from the next parallel one that it may be mistaken for."""
+    heights = {line.whole.middle[1] for line in face_lines(model) if line.whole.horizontal}
+    return tuple(
+        min((abs(line.whole.middle[1] - other) for other in heights - {line.whole.middle[1]}), default=math.inf)
+        if line.whole.horizontal
+        else math.inf
+        for line in face_cuts(model, model.width, model.width, without_bottom).lines
+    )
 
 
 def _sigma(fit: EdgeFit, gap: float, tolerance: float, pixel: float, faint: float) -> float:

@@ -6,10 +6,13 @@ view of one plane, on which faces at any pose appear by central projection.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 
 from palletloc.geometry import FloatArray, LevelPose, wrap_angle
@@ -18,6 +21,9 @@ from palletloc.pallet import PalletModel
 from palletloc.refinement.occlusion import Spans
 from palletloc.refinement.patch import FacePatch
 from palletloc.refinement.samples import face_samples
+
+MOST_ROWS = 32_000
+"""Most rows of a map that OpenCV takes, about."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +123,9 @@ def score_hypotheses(
     turn, distance, rise = np.unravel_index(chosen, shape)
     turns, ranges, rises = grid.turns[turn, None], grid.ranges[distance, None], grid.rises[rise, None]
     seen = _Hypotheses(turns, ranges, grid.places[None, :], rises, grid.sliding)
-    score = level.ravel()[chosen, None] + _rest_scores(patch, model, seen)
+    samples = face_samples(model)
+    pixels = seen.appearing(patch, samples.points[len(samples.level) :])
+    score = level.ravel()[chosen, None] + _rest_scores(patch, model, *pixels)
     table = level.max(axis=2)
     np.maximum.at(table, (turn, distance), score.max(axis=1))
     best = [seen.at(*place) for place in _peaks(score, seen, patch, config)]
@@ -147,13 +155,13 @@ def score_pose(patch: FacePatch, model: PalletModel, pose: LevelPose, hidden: Sp
     """
     samples = face_samples(model)
     turn = wrap_angle(pose.yaw - patch.base.yaw)
-    slope = _slope(patch, model, turn)
+    slope = float(_slope(patch, model, np.array(turn)))
     parts = (
         (samples.level_weight, patch.along_level(slope)),
         (samples.upright_weight, patch.along_upright()),
         (samples.block_weight, patch.any_direction()),
     )
-    columns, rows = patch.view.grid.pixels(patch.appearing(pose, samples.points)).T
+    columns, rows = patch.view.grid.pixels(patch.appearing(pose, samples.points)).T.astype(np.float32)
     shown = np.ones(len(columns), dtype=bool)
     for left, right in hidden:
         shown &= (samples.points[:, 0] < left) | (samples.points[:, 0] > right)
@@ -162,7 +170,7 @@ def score_pose(patch: FacePatch, model: PalletModel, pose: LevelPose, hidden: Sp
         here = slice(first, first + len(weight))
         counted = weight * shown[here]
         total += float(_looked_up(field, columns[here], rows[here]) @ counted)
-        edges += float(counted.clip(min=0.0).sum())
+        edges += float(np.maximum(counted, 0.0).sum())
         first += len(weight)
     return total / edges if edges > 0 else 0.0
 
@@ -183,49 +191,52 @@ class _Hypotheses(NamedTuple):
     def appearing(self, patch: FacePatch, points: FloatArray) -> tuple[Energy, Energy]:
         """Return columns and rows of face points in the patch; the points make a last axis.
 
-        Rows do not depend on the place and keep its axis short. Single precision is much finer than a pixel.
+        Single precision is much finer than a pixel.
         """
-        x, y, z = patch.plane_from_camera
+        x, y, z = patch.plane_from_camera.tolist()
         grid, turn, distance = patch.view.grid, self.turn[..., None], self.range[..., None]
-        nearer = z / (z * distance + points[:, 0] * np.sin(turn))
-        nearer_px = nearer / grid.resolution
-        aside = (x - grid.left) / grid.resolution + (points[:, 0] * np.cos(turn) - x * distance) * nearer_px
-        lowered = y * distance if self.sliding else y
-        rows = (grid.top - y) / grid.resolution - (points[:, 1] + (self.rise[..., None] - lowered)) * nearer_px
-        place = self.place[..., None].astype(np.float32)
-        return aside.astype(np.float32) + place * nearer_px.astype(np.float32), rows.astype(np.float32)
-
-    def pose(self, patch: FacePatch) -> LevelPose:
-        """Return the pose of a single hypothesis."""
-        x, y, z = patch.plane_from_camera
-        farther = float(self.range.item()) - 1
-        right, depth = float(self.place.item()) - x * farther, farther * z
-        up = float(self.rise.item()) - (y * farther if self.sliding else 0.0)
-        cos, sin = np.cos(patch.base.yaw), np.sin(patch.base.yaw)
-        return LevelPose(
-            float(patch.base.x + sin * right + cos * depth),
-            float(patch.base.y - cos * right + sin * depth),
-            float(patch.base.z + up),
-            wrap_angle(patch.base.yaw + float(self.turn.item())),
+        right, up = points.T.astype(np.float32)
+        aside, above = -x * distance, self.rise[..., None] - (y * distance if self.sliding else y)
+        sin, cos, away, aside, above, place = (
+            part.astype(np.float32)
+            for part in (np.sin(turn), np.cos(turn), z * distance, aside, above, self.place[..., None])
         )
+        nearer = np.float32(z / grid.resolution) / (right * sin + away)
+        columns = (right * cos + aside) * nearer + np.float32((x - grid.left) / grid.resolution)
+        rows = np.float32((grid.top - y) / grid.resolution) - (up + above) * nearer
+        columns = columns + place * nearer
+        shape = np.broadcast_shapes(columns.shape, rows.shape)
+        return np.broadcast_to(columns, shape), np.broadcast_to(rows, shape)
 
 
-def _slope(patch: FacePatch, model: PalletModel, turn: float) -> float:
+def _pose(patch: FacePatch, sliding: bool, turn: float, distance: float, place: float, rise: float) -> LevelPose:
+    """Return the pose of a hypothesis."""
+    x, y, z = patch.plane_from_camera.tolist()
+    farther = distance - 1
+    right, depth, up = place - x * farther, farther * z, rise - (y * farther if sliding else 0.0)
+    cos, sin = math.cos(patch.base.yaw), math.sin(patch.base.yaw)
+    return LevelPose(
+        patch.base.x + sin * right + cos * depth,
+        patch.base.y - cos * right + sin * depth,
+        patch.base.z + up,
+        wrap_angle(patch.base.yaw + turn),
+    )
+
+
+def _slope(patch: FacePatch, model: PalletModel, turn: FloatArray) -> FloatArray:
     """Return the slope of the face's level lines on the plane, about the same for all of them."""
     x, y, z = patch.plane_from_camera
-    return float((y - model.height / 2) * np.sin(turn) / (z * np.cos(turn) + x * np.sin(turn)))
+    return np.asarray((y - model.height / 2) * np.sin(turn) / (z * np.cos(turn) + x * np.sin(turn)))
 
 
-def _looked_up(field: Energy, columns: Energy | FloatArray, rows: Energy | FloatArray) -> Energy:
-    """Return a field's values at the nearest pixels, 0 outside; columns and rows broadcast together."""
-    height, width = field.shape
-    column, row = (columns + 0.5).astype(np.int32), (rows + 0.5).astype(np.int32)
-    # a negative index is a large one when seen without its sign
-    inside = (column.view(np.uint32) < width) & (row.view(np.uint32) < height)
-    at = column + row * np.int32(width)
-    at *= inside
-    values = field.ravel().take(at)
-    values *= inside
+def _looked_up(field: Energy, columns: Energy, rows: Energy) -> Energy:
+    """Return a field's values at the nearest pixels, 0 outside it."""
+    count = max(columns.shape[-1], 1)  # a model may have none of a kind of points
+    columns, rows, values = columns.reshape(-1, count), rows.reshape(-1, count), np.empty(columns.shape, np.float32)
+    found = values.reshape(-1, count)
+    for first in range(0, len(found), MOST_ROWS):
+        part = slice(first, first + MOST_ROWS)
+        found[part] = cv2.remap(field, columns[part], rows[part], cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT)
     return values
 
 
@@ -234,28 +245,22 @@ def _level_scores(patch: FacePatch, model: PalletModel, grid: HypothesisGrid) ->
     samples = face_samples(model)
     weight = samples.level_weight.astype(np.float32)
     scores = np.empty((len(grid.turns), len(grid.ranges), len(grid.rises)))
-    for i, turn in enumerate(grid.turns):
+    slopes = _slope(patch, model, grid.turns)
+    for turns, field in patch.fields_along(slopes):  # neighbouring turns share a field
         tried = _Hypotheses(
-            np.array([[turn]]), grid.ranges[:, None], np.zeros((1, 1)), grid.rises[None, :], grid.sliding
+            grid.turns[turns, None, None], grid.ranges[:, None], np.zeros(1), grid.rises, grid.sliding
         )
-        columns, rows = tried.appearing(patch, samples.level)
-        field = patch.along_level(_slope(patch, model, float(turn)))
-        scores[i] = _looked_up(field, columns, rows) @ weight
+        scores[turns] = _looked_up(field, *tried.appearing(patch, samples.level)) @ weight
     return scores
 
 
-def _rest_scores(patch: FacePatch, model: PalletModel, tried: _Hypotheses) -> FloatArray:
-    """Return what upright edges and blocks say of hypotheses."""
-    samples = face_samples(model)
-    total = np.zeros(np.broadcast_shapes(tried.turn.shape, tried.place.shape), dtype=np.float32)
-    for points, weight, field in (
-        (samples.upright, samples.upright_weight, patch.along_upright()),
-        (samples.block, samples.block_weight, patch.any_direction()),
-    ):
-        if len(points):
-            columns, rows = tried.appearing(patch, points)
-            total += _looked_up(field, columns, rows) @ weight.astype(np.float32)
-    return total.astype(np.float64)
+def _rest_scores(patch: FacePatch, model: PalletModel, columns: Energy, rows: Energy) -> Energy:
+    """Return what upright edges and blocks say of hypotheses, by where their points appear."""
+    samples, split = face_samples(model), len(face_samples(model).upright)
+    upright = _looked_up(patch.along_upright(), columns[..., :split], rows[..., :split])
+    block = _looked_up(patch.any_direction(), columns[..., split:], rows[..., split:])
+    weight = np.concatenate([samples.upright_weight, samples.block_weight]).astype(np.float32)
+    return np.asarray(upright @ weight[:split] + block @ weight[split:])
 
 
 def _peaks(
@@ -265,7 +270,7 @@ def _peaks(
     remaining = score.copy()
     best = float(score.max())
     for _ in range(config.peaks):
-        row, column = (int(index) for index in np.unravel_index(int(remaining.argmax()), score.shape))
+        row, column = divmod(int(remaining.argmax()), score.shape[1])
         if remaining[row, column] < max(config.min_score, config.min_share * best):
             return
         yield row, column
@@ -277,25 +282,31 @@ def _peaks(
 
 def _polished(patch: FacePatch, model: PalletModel, best: FloatArray, grid: HypothesisGrid) -> list[Scored]:
     """Return the best poses between hypotheses, (n, 4), and their neighbours on the grid."""
-    samples = face_samples(model)
-    steps = [_step(axis) for axis in (grid.turns, grid.ranges, grid.places, grid.rises)]
-    offsets = [np.array([-0.35, 0.0, 0.35]) * step if step else np.zeros(1) for step in steps]
-    around = np.stack([part.ravel() for part in np.meshgrid(*offsets, indexing="ij")])
-    places = best[:, :, None] + around
-    turn, distance, place, rise = np.moveaxis(places, 1, 0)
+    samples, level = face_samples(model), len(face_samples(model).level)
+    steps = np.array([_step(axis) for axis in (grid.turns, grid.ranges, grid.places, grid.rises)])
+    places = best[:, :, None] + _around(tuple((steps > 0).tolist())) * steps[:, None]
+    turn, distance, place, rise = places.transpose(1, 0, 2)
     tried = _Hypotheses(turn, distance, place, rise, grid.sliding)
-    columns, rows = tried.appearing(patch, samples.level)
-    score = _rest_scores(patch, model, tried)
-    found = []
-    for i, one in enumerate(best):
-        field = patch.along_level(_slope(patch, model, float(one[0])))
-        score[i] += _looked_up(field, columns[i], rows[i]) @ samples.level_weight
-        # a plateau has no best place but a middle
-        top = score[i] >= score[i].max() - 0.01
-        turn, distance, place, rise = places[i][:, top].mean(axis=1, keepdims=True)
-        pose = _Hypotheses(turn, distance, place, rise, grid.sliding).pose(patch)
-        found.append(Scored(pose, float(score[i].max())))
-    return found
+    columns, rows = tried.appearing(patch, samples.points)
+    score = _rest_scores(patch, model, columns[..., level:], rows[..., level:])
+    weight = samples.level_weight.astype(np.float32)
+    for which, field in patch.fields_along(_slope(patch, model, best[:, 0])):
+        score[which] += _looked_up(field, columns[which, :, :level], rows[which, :, :level]) @ weight
+    # a plateau has no best place but a middle
+    top = score >= score.max(axis=1, keepdims=True) - 0.01
+    middles = np.einsum("pan,pn->pa", places, top) / np.count_nonzero(top, axis=1)[:, None]
+    values = score.max(axis=1).tolist()
+    return [
+        Scored(_pose(patch, grid.sliding, *one), value) for one, value in zip(middles.tolist(), values, strict=True)
+    ]
+
+
+@lru_cache(maxsize=16)
+def _around(varied: tuple[bool, ...]) -> FloatArray:
+    """Return all ways to go a third of a step to and fro along some axes, (axes, n)."""
+    sizes = [3 if one else 1 for one in varied]
+    middle = np.array([size // 2 for size in sizes])
+    return np.asarray(0.35 * (np.indices(sizes).reshape(len(sizes), -1) - middle[:, None]))
 
 
 def _step(axis: FloatArray) -> float:

@@ -71,6 +71,8 @@ def hidden_spans(
     # neighbours share their votes: something that hides a stretch is not narrower
     spread = np.ones(3)
     missing = np.convolve(shown, spread, "same") < SUPPORT * np.convolve(count, spread, "same")
+    if not missing.any():
+        return ()
     hidden = _grown(missing & (lines >= VOTERS), missing & (lines > 0))
     return tuple((-half + first * 2 * half / BINS, -half + last * 2 * half / BINS) for first, last in _runs(hidden))
 
@@ -78,10 +80,11 @@ def hidden_spans(
 def _grown(hidden: BoolArray, alone: BoolArray) -> BoolArray:
     """Return what is hidden with the stretches beside it where a single line votes, as at the outer blocks."""
     grown = hidden
-    for _ in range(BINS):
+    while True:
         beside = np.convolve(grown, np.ones(3), "same") > 0
-        grown = hidden | (alone & beside)
-    return grown
+        before, grown = grown, grown | (alone & beside)
+        if (grown == before).all():
+            return grown
 
 
 def _runs(hidden: BoolArray) -> list[tuple[int, int]]:
@@ -117,6 +120,8 @@ def hidden_part(left: float, right: float, spans: Spans) -> float:
     spans : sequence of (left, right)
         From `hidden_spans`.
     """
+    if not spans:
+        return 0.0
     if right - left <= 0:
         return float(any(low <= left <= high for low, high in spans))
     covered = sum(max(0.0, min(right, high) - max(left, low)) for low, high in spans)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import cv2
@@ -27,6 +29,8 @@ SLOPE_STEP = 0.2
 """Level lines whose slopes differ by less are looked for alike."""
 NOISE = 1.0
 """Gradients of this size are noise, in gray levels per pixel."""
+
+_SUM = np.ones((1, 3), np.float32)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +58,12 @@ class FacePatch:
             energy = yy if rung == 0 else (yy + 2 * rung * xy + rung**2 * xx) / np.float32(1 + rung**2)
             self._kept[rung] = _widened(energy, (1, 3))
         return self._kept[rung]
+
+    def fields_along(self, slopes: FloatArray) -> Iterator[tuple[NDArray[np.intp], Energy]]:
+        """Yield which of several slopes are looked for alike, each time with what `along_level` returns for them."""
+        rungs = np.rint(slopes / SLOPE_STEP)
+        for rung in sorted(set(rungs.tolist())):
+            yield np.flatnonzero(rungs == rung), self.along_level(rung * SLOPE_STEP)
 
     def along_upright(self) -> Energy:
         """Return how much edge runs upright, 0 to 1, widened by a pixel."""
@@ -83,13 +93,16 @@ class FacePatch:
             Right and up on the plane, in metres.
         """
         turn = wrap_angle(pose.yaw - self.base.yaw)
-        cos, sin = np.cos(self.base.yaw), np.sin(self.base.yaw)
+        cos, sin = math.cos(self.base.yaw), math.sin(self.base.yaw)
         x, y = pose.x - self.base.x, pose.y - self.base.y
         right, depth = sin * x - cos * y, cos * x + sin * y
-        camera = self.plane_from_camera
-        nearer = camera[2] / (camera[2] + depth + points[:, 0] * np.sin(turn))
-        at = np.stack([right + points[:, 0] * np.cos(turn), pose.z - self.base.z + points[:, 1]], axis=1)
-        return np.asarray(camera[:2] + (at - camera[:2]) * nearer[:, None])
+        aside, above, away = self.plane_from_camera.tolist()
+        across, up = points.T
+        nearer = away / (away + depth + math.sin(turn) * across)
+        seen = np.empty_like(points)
+        seen[:, 0] = aside + (right - aside + math.cos(turn) * across) * nearer
+        seen[:, 1] = above + (pose.z - self.base.z - above + up) * nearer
+        return seen
 
 
 def view_patch(
@@ -129,11 +142,12 @@ def view_patch(
         return Reason.BEHIND_FACE
     grid = PlaneGrid.spanning(*extent, resolution)
     view = projector.view(image, camera_from_plane, grid)
-    if view.valid.mean() < 0.5:
+    seen = np.count_nonzero(view.valid)
+    if seen < 0.5 * view.valid.size:
         return Reason.OUT_OF_VIEW
     smooth = cv2.GaussianBlur(view.image, (0, 0), max(SMOOTHING / resolution, 0.5))
     tensor = _tensor(view.image, resolution)
-    if not view.valid.all():  # where the image ends there is no edge
+    if seen < view.valid.size:  # where the image ends there is no edge
         inside = cv2.erode(view.valid.astype(np.float32), np.ones((7, 7), np.uint8), borderValue=1.0)
         tensor = tensor[0] * inside, tensor[1] * inside, tensor[2] * inside
     return FacePatch(base, camera, view, np.asarray(smooth, dtype=np.uint8), tensor)
@@ -161,4 +175,4 @@ def _tensor(image: Image, resolution: float) -> tuple[Energy, Energy, Energy]:
 
 
 def _summed(channels: NDArray[np.float32]) -> Energy:
-    return np.asarray(cv2.transform(channels, np.ones((1, 3), np.float32)), dtype=np.float32)
+    return np.asarray(cv2.transform(channels, _SUM), dtype=np.float32)

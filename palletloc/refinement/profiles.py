@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -23,6 +24,7 @@ SMOOTHING_PX = 0.6
 
 Samples = NDArray[np.float32]
 """Float32 array."""
+_SUM = np.ones((1, 3), np.float32)
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +42,7 @@ class Profiles:
     reach: FloatArray
     """(lines,) how far cuts go to each side, in metres."""
     pixel: FloatArray
-    """(lines, 2) size of a pixel across and along each line, in metres."""
+    """(lines, 2) size of a pixel across and along each line, the same for all lines of a direction, in metres."""
 
     def gradient(self, along_px: float) -> Samples:
         """Return how fast the image changes across each line.
@@ -56,15 +58,12 @@ class Profiles:
             Absolute derivative, the norm over the colour channels, in gray levels per sample.
         """
         gradient = np.empty(self.sampled.shape[:2], np.float32)
-        level = self.cuts.level_cuts
-        for lines, here in ((self.cuts.level, slice(level)), (~self.cuts.level, slice(level, None))):
-            if lines.any():
-                across, along = self.pixel[lines].mean(axis=0)
-                apart = float(self.reach[lines].mean()) * float(self.offsets[1] - self.offsets[0])
-                spacing = float(self.cuts.spacing[lines].mean())
-                gradient[here] = _derivative(
-                    self.sampled[here], SMOOTHING_PX * across / apart, along_px * along / spacing
-                )
+        step = float(self.offsets[1] - self.offsets[0])
+        for kind in self.cuts.kinds:
+            reach = self.reach[kind.lines]
+            across, along = self.pixel[kind.lines][0].tolist()
+            smooth = SMOOTHING_PX * across / (step * float(reach.sum()) / len(reach)), along_px * along / kind.spacing
+            gradient[kind.cuts] = _derivative(self.sampled[kind.cuts], *smooth)
         return gradient
 
 
@@ -101,7 +100,7 @@ def cut_profiles(
     Profiles
         A row for each cut.
     """
-    half = int(np.clip(np.ceil((reach / pixel[:, 0]).max() / STEP_PX), 4, MOST_SAMPLES))
+    half = min(max(math.ceil(float((reach / pixel[:, 0]).max()) / STEP_PX), 4), MOST_SAMPLES)
     steps = np.arange(-half - MARGIN, half + MARGIN + 1) / half
     middle, away, valid = _places(camera, camera_from_face, cuts, shift, reach)
     first, way, parts = (one.astype(np.float32) for one in (middle, away, steps))
@@ -115,15 +114,13 @@ def _places(
     camera: CameraModel, camera_from_face: FloatArray, cuts: FaceCuts, shift: FloatArray, reach: FloatArray
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Return the pixels of the cuts' middles, the way from there to the ends of their reach, and what is seen."""
-    outward = cuts.outward[cuts.line]
-    points = cuts.points + shift[cuts.line, None] * outward
-    both = np.concatenate([points, points + reach[cuts.line, None] * outward])
+    outwards = np.array([shift, shift + reach])[:, cuts.line, None]
+    both = cuts.points + outwards * cuts.outward
     seen = camera.project(both @ camera_from_face[:3, :2].T + camera_from_face[:3, 3])
-    count = len(points)
-    valid = seen.valid[:count] & seen.valid[count:]
-    middle, away = seen.pixels[:count], seen.pixels[count:] - seen.pixels[:count]
-    if camera.period_px is not None:
-        away[:, 0] -= camera.period_px * np.round(away[:, 0] / camera.period_px)
+    valid = seen.valid[0] & seen.valid[1]
+    middle, away = seen.pixels[0], seen.pixels[1] - seen.pixels[0]
+    if camera.period_px is not None and np.abs(away[:, 0]).max() > camera.period_px / 2:
+        away[:, 0] -= camera.period_px * np.rint(away[:, 0] / camera.period_px)
     if not valid.all():
         middle, away = (np.where(valid[:, None], part, 0.0) for part in (middle, away))
     return middle, away, valid
@@ -131,14 +128,12 @@ def _places(
 
 def _derivative(sampled: Samples, across: float, along: float) -> Samples:
     """Return the absolute derivative of smoothed profiles along their samples, the norm over the channels."""
-    radius = max(1, round(3 * across))
+    radius, width = max(1, round(3 * across)), max(1, round(2.5 * along))
     at = np.arange(-float(radius), radius + 1)
-    bell = np.exp(-0.5 * (at / max(across, 0.5)) ** 2)
-    slope = at * bell
-    slope /= (slope * at).sum()
-    width = max(1, round(2.5 * along))
-    smooth = np.exp(-0.5 * (np.arange(-width, width + 1) / max(along, 0.2)) ** 2)
-    change = cv2.sepFilter2D(sampled, cv2.CV_32F, slope, smooth / smooth.sum(), borderType=cv2.BORDER_REPLICATE)
+    slope = at * cv2.getGaussianKernel(len(at), max(across, 0.5))[:, 0]
+    slope /= slope @ at
+    smooth = cv2.getGaussianKernel(2 * width + 1, max(along, 0.2))
+    change = cv2.sepFilter2D(sampled, cv2.CV_32F, slope, smooth, borderType=cv2.BORDER_REPLICATE)
     if change.ndim == 2:
         return np.asarray(np.abs(change), dtype=np.float32)
-    return np.sqrt(np.asarray(cv2.transform(change * change, np.ones((1, 3), np.float32)), dtype=np.float32))
+    return np.sqrt(np.asarray(cv2.transform(change * change, _SUM), dtype=np.float32))

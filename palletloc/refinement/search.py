@@ -11,7 +11,7 @@ from palletloc.geometry import FloatArray, Image, LevelPose, wrap_angle
 from palletloc.measurement import HeightPrior, Reason
 from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
-from palletloc.plane import PALLET_FROM_VERTICAL
+from palletloc.plane import FACE_IN_PALLET
 from palletloc.projection import Projector
 from palletloc.refinement.hypotheses import HypothesisGrid, HypothesisScores, SearchConfig, score_hypotheses
 from palletloc.refinement.patch import MIN_DISTANCE, FacePatch, view_patch
@@ -97,7 +97,7 @@ def search(
         if area <= LARGEST:
             break
         resolution *= float(np.sqrt(area / LARGEST)) * 1.01
-    patch = view_patch(projector, image, mounting.forklift_from_camera.inv(), base, extent, resolution)
+    patch = view_patch(projector, image, mounting.to_camera, base, extent, resolution)
     if isinstance(patch, Reason):
         return patch
     found = score_hypotheses(patch, model, grid, config)
@@ -129,7 +129,7 @@ def _closer(grid: HypothesisGrid, plane: FloatArray, config: SearchConfig) -> Se
 
 def _plane(mounting: Mounting, base: LevelPose) -> FloatArray:
     """Return the camera's centre in the coordinates of the face's plane."""
-    matrix = base.matrix() @ PALLET_FROM_VERTICAL.as_matrix()
+    matrix = base.matrix() @ FACE_IN_PALLET
     return np.asarray(matrix[:3, :3].T @ (mounting.center - matrix[:3, 3]))
 
 
@@ -183,9 +183,8 @@ def _spread(low: float, high: float, step: float) -> FloatArray:
 def _extent(plane: FloatArray, model: PalletModel, grid: HypothesisGrid) -> tuple[float, float, float, float]:
     """Return the part of the plane on which every hypothesis appears."""
     x, y, z = plane
-    ranges, turns = grid.ranges[[0, -1]], grid.turns[[0, -1]]
-    right, up = np.array([-0.5, 0.5]) * model.width, np.array([0.0, model.height])
-    factor, turn, u, v = np.meshgrid(ranges, turns, right, up, indexing="ij")
+    factor, turn = grid.ranges[[0, -1]].reshape(2, 1, 1, 1), grid.turns[[0, -1]].reshape(2, 1, 1)
+    u, v = np.array([[-0.5], [0.5]]) * model.width, np.array([0.0, model.height])
     nearer = z / np.maximum(z * factor + u * np.sin(turn), MIN_DISTANCE)
     columns = x + (u * np.cos(turn) - x * factor) * nearer
     rows = y + (v - (y * factor if grid.sliding else y)) * nearer

@@ -8,16 +8,18 @@ covariance.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg.lapack import dposv
 
 from palletloc.edge_fit import TUKEY
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
-from palletloc.plane import PALLET_FROM_VERTICAL
+from palletloc.plane import FACE_IN_PALLET
 from palletloc.refinement.depth_edges import DepthEdge
 from palletloc.refinement.edges import SeenFace
 
@@ -34,7 +36,8 @@ LEVEL, NOT_LEVEL = 0.075, 0.15
 DEPTH_ERROR = 0.004
 """How far the front or back of a row of blocks lies from its place (one standard deviation), in metres."""
 _MOTION, _MOUNTING, _SHARED = 4, 6, 3
-_FIRST_DEPTH = _MOTION + _MOUNTING + _SHARED
+_FIRST_SHARED = _MOTION + _MOUNTING
+_FIRST_DEPTH = _FIRST_SHARED + _SHARED
 _SHARED_PART = 0.7
 """Part of an upright edge's shift error that it shares with the others of its side, as a standard deviation."""
 _TINY = 1e-9
@@ -78,28 +81,31 @@ class FaceSystem:
         self._mounting = mounting
         depths = max(0, 2 * len(model.block_rows) - 1)
         self._unknowns = _FIRST_DEPTH + depths
-        forklift_from_plane = pose.matrix() @ PALLET_FROM_VERTICAL.as_matrix()
+        forklift_from_plane = pose.matrix() @ FACE_IN_PALLET
         self._axes, self._origin = forklift_from_plane[:3, :3], forklift_from_plane[:3, 3]
-        middles = np.array([one.edge.middle for one in seen.edges])
-        outward = np.array([one.edge.outward for one in seen.edges])
-        shared = np.array([0.0 if one.edge.horizontal else _SHARED_PART * one.shift.sigma for one in seen.edges])
-        own = np.array([one.shift.sigma for one in seen.edges])
+        numbers = np.array(
+            [(*one.edge.middle, *one.edge.outward, one.pixel, one.sigma, one.shift.sigma) for one in seen.edges]
+        )
+        middles, outward, (pixel, measured, own) = numbers[:, :2], numbers[:, 2:4], numbers[:, 4:].T
+        level = outward[:, 0] == 0
+        motion = self._image_motion(np.concatenate([middles, _ends(middles[level, 1])]))
+        self._level_slopes = _risen(motion[len(middles) :])
+        shared = np.where(level, 0.0, _SHARED_PART * own)
         up = float(seen.plane_from_camera[1])
         beside = max(-up, up - model.height)
-        blur = np.minimum([BLUR_PX * one.pixel for one in seen.edges], MOST_BLUR)
-        blur *= np.interp(beside, (LEVEL, NOT_LEVEL), (1.0, 0.0))
-        known = np.hypot([one.sigma for one in seen.edges], blur)
-        sigma = np.sqrt(known**2 + own**2 - shared**2)
-        offsets = np.einsum("ni,nij->nj", outward, self._image_motion(middles))
+        blur = np.minimum(BLUR_PX * pixel, MOST_BLUR) * np.interp(beside, (LEVEL, NOT_LEVEL), (1.0, 0.0))
+        sigma = np.sqrt(measured**2 + blur**2 + own**2 - shared**2)
+        offsets = np.einsum("ni,nij->nj", outward, motion[: len(middles)])
         side = np.array([one.shift.both_seen for one in seen.edges], dtype=int)
-        offsets[np.arange(len(side)), _MOTION + _MOUNTING + side] = shared
+        offsets[np.arange(len(side)), _FIRST_SHARED + side] = shared
         offsets[:, _FIRST_DEPTH - 1] = blur
         self._shifts = offsets[:, :_MOTION]
         self._rows = [offsets / sigma[:, None]]
         self._values = [np.array([one.fit.offset for one in seen.edges]) / sigma]
         self._robust = [np.ones(len(seen.edges), dtype=bool)]
-        held = np.concatenate([np.maximum(mounting.sigma, _TINY), np.ones(_SHARED + depths)])
-        self._add(np.eye(self._unknowns)[_MOTION:] / held[:, None], np.zeros(len(held)), False)
+        self._held, self._pull = np.full(self._unknowns, _TINY), np.zeros(self._unknowns)
+        self._held[_MOTION:] += 1.0
+        self._held[_MOTION:_FIRST_SHARED] = np.maximum(mounting.sigma, _TINY) ** -2
 
     def shifts(self, motion: FloatArray) -> FloatArray:
         """Return how far outward a motion of the face shifts the images of its edges.
@@ -123,16 +129,18 @@ class FaceSystem:
         """
         nearer = points[:, 2] if points.shape[1] == 3 else np.zeros(len(points))
         in_forklift = self._origin + points @ self._axes[:, : points.shape[1]].T
-        moved = np.zeros((len(points), 3, self._unknowns))
+        moved = np.zeros((len(points), 3, _FIRST_SHARED))
         moved[:, 0, 0] = moved[:, 1, 1] = 1.0
         moved[:, 0, 3], moved[:, 2, 3] = nearer, -points[:, 0]
         moved[:, 2, 2] = -1.0
-        moved[:, :, _MOTION : _MOTION + _MOUNTING] = self._axes.T @ self._mounting.apparent_motion(in_forklift)
+        moved[:, :, _MOTION:] = self._axes.T @ self._mounting.apparent_motion(in_forklift)
         # what comes nearer to the camera moves away from its foot point on the plane
         camera = self.seen.plane_from_camera
-        away = (camera[2] - nearer)[:, None]
-        ray = (points[:, :2] - camera[:2]) / away
-        return np.asarray((moved[:, :2] + ray[:, :, None] * moved[:, 2:3]) * (camera[2] / away)[:, :, None])
+        away = (camera[2] - nearer)[:, None, None]
+        ray = (points[:, :2] - camera[:2])[:, :, None] / away
+        motion = np.zeros((len(points), 2, self._unknowns))
+        motion[..., :_FIRST_SHARED] = (moved[:, :2] + ray * moved[:, 2:]) * (camera[2] / away)
+        return motion
 
     def _behind_motion(self, edges: Sequence[DepthEdge]) -> FloatArray:
         """Return how far to the right each unknown moves the images of edges behind the face, (edges, unknowns)."""
@@ -192,11 +200,10 @@ class FaceSystem:
         """
         self._add((shares @ self._behind_motion(edges))[None] / sigma, np.array([offset / sigma]), False)
 
-    def _slopes(self, ups: FloatArray) -> FloatArray:
-        """Return what each unknown does to the slopes of level lines, (n, unknowns)."""
-        rights = np.repeat([-0.5, 0.5], len(ups))
-        left, right = np.split(self._image_motion(np.stack([rights, np.tile(ups, 2)], axis=1))[:, 1], 2)
-        return np.asarray(right - left)
+    def _hold(self, unknown: int, value: float, sigma: float) -> None:
+        """Add what is known of one unknown."""
+        self._held[unknown] += sigma**-2
+        self._pull[unknown] += value * sigma**-2
 
     def _add(self, rows: FloatArray, values: FloatArray, robust: bool) -> None:
         self._rows.append(rows)
@@ -214,16 +221,15 @@ class FaceSystem:
         level = [one for one in self.seen.edges if one.edge.horizontal]
         if not level:
             return
-        tilt = [np.sqrt(2.0) * error_px * one.pixel / one.edge.length for one in level]
+        tilt = [math.sqrt(2.0) * error_px * one.pixel / one.edge.length for one in level]
         sigma = np.hypot([one.fit.sigma_slope for one in level], tilt)
         sign = np.array([one.edge.outward[1] for one in level])
-        rows = self._slopes(np.array([one.edge.middle[1] for one in level]))
         values = np.array([one.fit.slope for one in level])
-        self._add(rows * (sign / sigma)[:, None], values / sigma, True)
+        self._add(self._level_slopes * (sign / sigma)[:, None], values / sigma, True)
 
     def add_height(self, rise: float, sigma: float) -> None:
         """Add what is known of the height: how far up the face should move, in metres."""
-        self._add(np.eye(self._unknowns)[1:2] / sigma, np.array([rise / sigma]), False)
+        self._hold(1, rise, sigma)
 
     def add_yaw(self, turn: float, sigma: float, up: float) -> None:
         """Add the yaw that a line gave, which errors of the mounting falsify as they do a line on the face.
@@ -237,30 +243,52 @@ class FaceSystem:
         up : float
             Height of the line on the face, in metres.
         """
-        slope = self._slopes(np.array([up]))
+        slope = _risen(self._image_motion(_ends(np.array([up]))))
         self._add(slope / (slope[0, 3] * sigma), np.array([turn / sigma]), False)
 
     def add_turn(self, turn: float, sigma: float) -> None:
         """Add what is known of the yaw before any measurement, in radians."""
-        self._add(np.eye(self._unknowns)[3:4] / sigma, np.array([turn / sigma]), False)
+        self._hold(3, turn, sigma)
 
     def solve(self) -> FaceSolution:
         """Solve by iteratively reweighted least squares (Tukey's biweight on offsets and slopes)."""
         rows, values, robust = (np.concatenate(part) for part in (self._rows, self._values, self._robust))
-        weights = np.ones(len(values))
+        weights, held = np.ones(len(values)), np.diag(self._held)
         for _ in range(8):
-            normal = rows.T @ (weights[:, None] * rows) + _TINY * np.eye(self._unknowns)
-            solution = np.linalg.solve(normal, rows.T @ (weights * values))
+            weighted = rows.T * weights
+            normal = weighted @ rows + held
+            solution = _solved(normal, weighted @ values + self._pull)
             residual = values - rows @ solution
             size = np.sort(np.abs(residual[robust]))
             spread = max(1.0, 1.4826 * float(size[len(size) // 2]))
-            update = np.where(robust, np.clip(1 - (residual / (TUKEY * spread)) ** 2, 0, None) ** 2, 1.0)
+            update = np.where(robust, np.maximum(1 - (residual / (TUKEY * spread)) ** 2, 0.0) ** 2, 1.0)
             settled = np.abs(update - weights).max() < 0.01
             weights = update
             if settled:
                 break
         used = robust & (weights > USED_WEIGHT)
         chi2 = float((weights * residual**2)[used].sum() / max(float(weights[used].sum()), 1.0))
-        covariance = np.linalg.inv(normal)[:_MOTION, :_MOTION] * max(chi2, 1.0)
+        covariance = _solved(normal, np.eye(self._unknowns, _MOTION))[:_MOTION] * max(chi2, 1.0)
         own = weights[: len(self.seen.edges)]
         return FaceSolution(solution[:_MOTION], covariance, own, chi2, solution, normal)
+
+
+def _solved(normal: FloatArray, values: FloatArray) -> FloatArray:
+    """Solve normal equations, which are positive definite as all unknowns are held a little."""
+    _, solution, failed = dposv(normal, values)
+    if failed:
+        raise np.linalg.LinAlgError(f"the normal equations of a face are not positive definite ({failed})")
+    return np.asarray(solution)
+
+
+def _ends(ups: FloatArray) -> FloatArray:
+    """Return left and right ends of level lines at some heights on the face, (2 n, 2), in metres."""
+    ends = np.empty((2, len(ups), 2))
+    ends[0, :, 0], ends[1, :, 0], ends[..., 1] = -0.5, 0.5, ups
+    return ends.reshape(-1, 2)
+
+
+def _risen(motion: FloatArray) -> FloatArray:
+    """Return what each unknown does to the slopes of level lines by what it does to their ends, (n, unknowns)."""
+    left, right = motion[:, 1].reshape(2, -1, motion.shape[2])
+    return np.asarray(right - left)

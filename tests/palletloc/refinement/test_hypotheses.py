@@ -9,7 +9,7 @@ import pytest
 from palletloc.candidate import ShotView
 from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 from palletloc.measurement import Reason
-from palletloc.pallet import PalletModel
+from palletloc.pallet import Opening, PalletModel
 from palletloc.refinement.hypotheses import (
     HypothesisGrid,
     HypothesisScores,
@@ -18,6 +18,7 @@ from palletloc.refinement.hypotheses import (
     score_pose,
 )
 from palletloc.refinement.patch import FacePatch, view_patch
+from palletloc.refinement.samples import face_samples
 
 POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
 CONFIG = SearchConfig()
@@ -48,6 +49,7 @@ def grid_of(
     return HypothesisGrid(np.radians(turns_deg), ranges, places, heights, rises is not None)
 
 
+LOW = Opening(center=0.0, width=0.3, bottom=0.05, height=0.03)
 SINGLE = grid_of(np.zeros(1), np.ones(1), np.zeros(1))
 WIDE = grid_of(np.linspace(-20, 20, 21), np.linspace(0.85, 1.15, 31), np.linspace(-0.06, 0.06, 13))
 
@@ -216,3 +218,13 @@ def test_a_pallet_is_found_on_the_viewing_ray_of_a_start_at_another_height(
     best = score_hypotheses(patch, epal, grid, CONFIG).peaks[0]
     assert np.linalg.norm(best.pose.as_array()[:3] - POSE.as_array()[:3]) < 0.08
     assert best.score > 0.9 * score_pose(patch, epal, POSE)
+
+
+def test_a_face_whose_openings_leave_no_room_inside_its_blocks_is_scored_too(portrait: Portrait) -> None:
+    model = PalletModel("low", 1.1, 0.144, 1.0, (LOW,))
+    assert len(face_samples(model).block) == 0
+    patch = patch_at(portrait(model, POSE), POSE)
+    grid = grid_of(np.linspace(-4, 4, 5), np.linspace(0.95, 1.05, 9), np.linspace(-0.04, 0.04, 5))
+    best = score_hypotheses(patch, model, grid, CONFIG).peaks[0]
+    assert np.hypot(best.pose.x - POSE.x, best.pose.y - POSE.y) < 0.02
+    assert score_pose(patch, model, POSE) > 0.5

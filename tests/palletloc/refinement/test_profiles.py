@@ -179,7 +179,7 @@ def test_cuts_beyond_the_image_are_told_from_those_in_it(direction: float, shoot
         np.full(len(done.cuts.lines), REACH),
         done.pixel,
     )
-    outward = REACH * done.cuts.outward[done.cuts.line]
+    outward = REACH * done.cuts.outward
     ends = [done.cuts.points + part * outward for part in (0.0, 1.0)]
     seen = [camera.project(points @ plane[:3, :2].T + plane[:3, 3]).valid for points in ends]
     np.testing.assert_array_equal(cut.valid, seen[0] & seen[1])

@@ -26,7 +26,7 @@ from palletloc.template import face_template
 
 CLEAR_CONTRAST = 4.0
 """Contrast from which on more says nothing more."""
-NEARBY = tuple(product((-0.04, -0.02, 0.0, 0.02, 0.04), (-0.03, 0.0, 0.03)))
+NEARBY = tuple(product((-0.03, 0.0, 0.03), (-0.03, 0.0, 0.03)))
 """Where around a place openings are looked for, to the right and upwards: it is right to some centimetres, and of
 those in depth the view from above or below makes height."""
 

@@ -5,6 +5,8 @@ It tells what hides edges from a place where there are none, and blocks and open
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from palletloc.geometry import BoolArray, FloatArray, LevelPose
@@ -84,14 +86,15 @@ def posts(patch: FacePatch, model: PalletModel, pose: LevelPose) -> Spans:
     """
     right = _columns(model)
     below, seen = _strip(patch, pose, right, np.linspace(*BELOW, ROWS))
-    face, on_face = _strip(patch, pose, right, np.linspace(FACE_MARGIN, model.height - FACE_MARGIN, FACE_ROWS))
-    seen &= on_face
     if np.count_nonzero(seen) < FEWEST:
         return ()
     away, spread = _unlike(below, seen)
-    away = np.median(away, axis=1)
-    step = np.sqrt(np.square(np.median(below, axis=1) - np.median(face, axis=1)).sum(axis=1))
-    covered = seen & (away > UNLIKE * spread) & (step < LIKE * away)
+    seen &= away > UNLIKE * spread
+    if np.count_nonzero(seen) < FEWEST:
+        return ()  # mostly nothing stands there
+    face, on_face = _strip(patch, pose, right, np.linspace(FACE_MARGIN, model.height - FACE_MARGIN, FACE_ROWS))
+    step = np.sqrt(np.square(below.mean(axis=1) - face.mean(axis=1)).sum(axis=1))
+    covered = seen & on_face & (step < LIKE * away)
     ends = np.flatnonzero(np.diff(np.concatenate([[0], covered.astype(int), [0]]))).reshape(-1, 2)
     width = model.width / COLUMNS
     return tuple(
@@ -107,10 +110,10 @@ def _columns(model: PalletModel) -> FloatArray:
 
 
 def _unlike(colours: FloatArray, where: BoolArray) -> tuple[FloatArray, float]:
-    """Return how far (columns, rows) colours are from what is usual in some columns, and the spread of that."""
-    usual = np.median(colours[where], axis=(0, 1))
-    away = np.sqrt(np.square(colours - usual).sum(axis=2))
-    return away, float(np.hypot(np.median(away[where]), NOISE))
+    """Return how far the mean colours of columns are from what is usual in some of them, and the spread of that."""
+    mean = np.einsum("crk->ck", colours) / colours.shape[1]
+    away = np.sqrt(np.square(mean - np.median(mean[where], axis=0)).sum(axis=1))
+    return away, math.hypot(float(np.median(away[where])), NOISE)
 
 
 def _strip(patch: FacePatch, pose: LevelPose, right: FloatArray, up: FloatArray) -> tuple[FloatArray, BoolArray]:

@@ -122,6 +122,9 @@ class TrackerConfig:
     """What odometry cannot know."""
     estimate_odometry: bool = True
     """Whether its constant errors are estimated while driving, or only allowed for."""
+    tracks_together: int = 5
+    """How many tracks share one estimate at most, and with it what they tell of the forklift's motion. More gain
+    little and cost more; with 1 every track is filtered alone."""
     path: PathLimits = field(default_factory=PathLimits)
     """What is believed of odometry."""
     errors: MeasurementErrors = field(default_factory=MeasurementErrors)

@@ -27,6 +27,12 @@ class MeasurementErrors:
     """Largest part of a measurement's variance that others share."""
     common_path_m: float = 1.5
     """Way of the forklift over which that falls to a third, as the view of the pallet changes."""
+    wander_m: float = 0.001
+    """How the place where a pallet is seen wanders as the view of it changes, along each axis, by the root of the way
+    in metres: errors that last, and that no covariance of a single shot can state. Without it tracks would grow ever
+    surer by shots that err alike."""
+    wander_yaw_deg: float = 0.1
+    """The same of the yaw, in degrees."""
     inflation: float = 1.0
     """Factor on all covariances that measurements state. 1: they are used as they are; more where successive shots
     share more than the figures above say."""

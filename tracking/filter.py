@@ -73,6 +73,8 @@ class PalletFilter(ExtendedKalmanFilter):
         self.P: FloatArray = np.eye(SIZE)
         self._common_path = config.errors.common_path_m
         self._floor = 1e-3 * config.odometry.floor_mm_per_sqrt_m
+        wander, of_yaw = config.errors.wander_m**2, math.radians(config.errors.wander_yaw_deg) ** 2
+        self._wander = [wander, wander, wander, of_yaw, 0.0, 0.0]
         self.estimated = config.estimate_odometry
         self._constants = np.diag(config.odometry.constants**2)
 
@@ -129,8 +131,13 @@ class PalletFilter(ExtendedKalmanFilter):
         stays = math.exp(-motion.path / self._common_path)
         F, Q = np.zeros((SIZE, SIZE)), np.zeros((SIZE, SIZE))
         F.flat[DIAGONAL] = [1.0] * COMMON.start + [stays] * 4
-        Q.flat[DIAGONAL] = [0.0, 0.0, self._floor**2 * motion.path, 0.0, 0.0, 0.0] + [1 - stays**2] * 4
+        Q.flat[DIAGONAL] = [one * motion.path for one in self._wander] + [1 - stays**2] * 4
+        Q[2, 2] += self.height_noise(motion)
         return F, Q
+
+    def height_noise(self, motion: Motion) -> float:
+        """Return the variance of how a motion lifts the forklift, and all pallets alike."""
+        return self._floor**2 * motion.path
 
     def model(self, observation: Observation, scale: float = 1.0) -> MeasurementModel:
         """Return how a state leads to a measurement.

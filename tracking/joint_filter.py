@@ -20,7 +20,7 @@ from tracking.joint import Foretold, Joint, members_of, places_of, size_of
 from tracking.motion import Motion
 from tracking.observation import YAW, Observation
 from tracking.stacked import symmetric
-from tracking.state import COMMON, CONSTANTS, POSE, SIZE, Gaussian
+from tracking.state import CONSTANTS, POSE, SIZE, Gaussian
 
 HEIGHT = 2
 """Index of the height in a pose."""
@@ -106,11 +106,11 @@ class JointFilter:
         B = np.zeros((groups, size, 4))
         B[:, places[:, POSE], :3] = by_motion.reshape(groups, count, 4, 3)
         B[:, places[:, HEIGHT], 3] = 1.0
-        new = np.zeros((4, 4))
-        new[:3, :3], new[3, 3] = motion.covariance, noise[HEIGHT, HEIGHT]
+        new, own = np.zeros((4, 4)), noise.diagonal().copy()
+        new[:3, :3], new[3, 3] = motion.covariance, self._engine.height_noise(motion)
+        own[HEIGHT] -= new[3, 3]
         Q = B @ new @ B.transpose(0, 2, 1)
-        common = places[:, COMMON].ravel()
-        Q[:, common, common] = noise[COMMON.start, COMMON.start]
+        Q[:, places, places] += own  # the constants, which all have in common, have none
         return F, Q, moved
 
     def _predicted(self, count: int, joints: Sequence[Joint], motion: Motion) -> list[Joint]:

@@ -26,7 +26,7 @@ from tracking.track import Key
 from tracking.tracker import Input, PalletTracker
 
 NOISE = OdometryNoise(wheel_scale_percent=2.0, gyro_bias_deg_s=0.3)
-ALONE = MeasurementErrors(common_position_m=0.0, common_yaw_deg=0.0, inflation=1.0)
+ALONE = MeasurementErrors(common_position_m=0.0, common_yaw_deg=0.0, wander_m=0.0, wander_yaw_deg=0.0)
 HONEST = TrackerConfig(
     odometry=NOISE,
     errors=ALONE,

@@ -10,7 +10,7 @@ import pytest
 
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.measurement import PalletMeasurement, YawSource
-from tracking.config import TrackerConfig
+from tracking.config import MeasurementErrors, TrackerConfig
 from tracking.filter import PalletFilter
 from tracking.joint import Joint, regrouped
 from tracking.joint_filter import JointFilter, Seen
@@ -23,7 +23,7 @@ from tracking.track import Key
 NOISE = OdometryNoise(
     gyro_bias_deg_s=0.0, gyro_random_walk_deg_per_sqrt_s=0.0, turn_deg_per_sqrt_turn=0.0, wheel_scale_percent=3.0
 )
-CONFIG = TrackerConfig(odometry=NOISE)
+CONFIG = TrackerConfig(odometry=NOISE, errors=MeasurementErrors(wander_m=0.0, wander_yaw_deg=0.0))
 """Of a way without turns, whose equations are linear."""
 MOTION = NOISE.moved(Twist(0.6, 0.0, 0.0), 0.5)
 STEPS = 9

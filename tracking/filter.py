@@ -74,7 +74,7 @@ class PalletFilter(ExtendedKalmanFilter):
         self._common_path = config.errors.common_path_m
         self._floor = 1e-3 * config.odometry.floor_mm_per_sqrt_m
         wander, of_yaw = config.errors.wander_m**2, math.radians(config.errors.wander_yaw_deg) ** 2
-        self._wander = [wander, wander, wander, of_yaw, 0.0, 0.0]
+        self._wander = wander, of_yaw
         self.estimated = config.estimate_odometry
         self._constants = np.diag(config.odometry.constants**2)
 
@@ -131,8 +131,9 @@ class PalletFilter(ExtendedKalmanFilter):
         stays = math.exp(-motion.path / self._common_path)
         F, Q = np.zeros((SIZE, SIZE)), np.zeros((SIZE, SIZE))
         F.flat[DIAGONAL] = [1.0] * COMMON.start + [stays] * 4
-        Q.flat[DIAGONAL] = [one * motion.path for one in self._wander] + [1 - stays**2] * 4
-        Q[2, 2] += self.height_noise(motion)
+        place, yaw = (variance * motion.path for variance in self._wander)
+        height = place + self.height_noise(motion)
+        Q.flat[DIAGONAL] = [place, place, height, yaw, 0.0, 0.0] + [1 - stays**2] * 4
         return F, Q
 
     def height_noise(self, motion: Motion) -> float:

@@ -71,32 +71,10 @@ class JointFilter:
 
         return _by_size(joints, step)
 
-    def transition(self, mean: FloatArray, motion: Motion) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return what a motion does to the state of several pallets.
-
-        Parameters
-        ----------
-        mean : (n,) array
-            The state before.
-        motion : Motion
-            As odometry has it; the state's constants mend it.
-
-        Returns
-        -------
-        F : (n, n) array
-            Derivative by the state before.
-        Q : (n, n) array
-            Covariance of the motion's noise in the state after.
-        mean : (n,) array
-            The state after.
-        """
-        F, Q, after = self._transitions((len(mean) - SIZE) // 8 + 1, mean[None], motion)
-        return F[0], Q[0], after[0]
-
     def _transitions(
         self, count: int, means: FloatArray, motion: Motion
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the same for many states, each of as many pallets."""
+        """Return F, Q and the states after a motion, of many states of as many pallets each."""
         groups, size, places = len(means), size_of(count), places_of(count)
         fixed, noise = self._engine.alike(motion)
         by_state, by_motion, after = stacked.transitions(means[:, places].reshape(-1, SIZE), motion, fixed)
@@ -149,6 +127,10 @@ class JointFilter:
         """Return states of pallets that share their estimate with none."""
         found = [joint.state for joint in joints]
         hits = [(i, hit) for i, hits in enumerate(seen) for hit in hits]
+        if len(hits) == 1:
+            ((i, one),) = hits
+            found[i] = self._engine.updated(found[i], one.observation, one.scale, one.weight)
+            return found
         for _, alike in groupby(hits, key=lambda one: one[1].observation.components):
             group = list(alike)
             ones = [hit for _, hit in group]

@@ -19,8 +19,8 @@ RUNS, FIRST = 50, 10
 # next ones: with the usual noise for so long that a run of 20 s is hardly more than one draw, and the part of its
 # steps in the band anything from none to all. A pose that is carried on no better than it is measured forgets within
 # a few steps. Then the part in the band scatters about 95 % hardly more than that of steps drawn one by one: of 190
-# steps by 1.9 %, so that one draw in a hundred has less than nine in ten; of 590 by 1.0 %, and none in ten thousand
-# has. That, and not a wider band, makes it a law for any seed.
+# steps by 1.9 %, so that one draw in a hundred has less than nine in ten; of 590 by 1.0 %, and hardly one draw in ten
+# thousand has. That, and not a wider band, makes it a law for any seed.
 LIVELY = OdometryNoise(
     distance_mm_per_sqrt_m=40.0,
     slip_mm_per_sqrt_m=40.0,

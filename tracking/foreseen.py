@@ -40,7 +40,7 @@ class Foreseen:
         reasons = {track.key: track.end(time, rules.config.life) for track in tracks}
         self.ended = tuple((key, why) for key, why in reasons.items() if why)
         alive = {key for key, why in reasons.items() if not why}
-        self._joints = regrouped(joints, (), alive, rules.config.tracks_together)
+        self._joints = regrouped(joints, (), alive, rules.config.tracks_together) if self.ended else joints
         self._members = {key: (i, at) for i, joint in enumerate(self._joints) for at, key in enumerate(joint.keys)}
         self._tracks = {track.key: track for track in tracks if track.key in alive}
         self.comparison = Comparison(list(self._tracks.values()), rules.engine, rules.config.gate)

@@ -84,9 +84,10 @@ def advance(foreseen: Foreseen, observations: Sequence[Observation], rules: Rule
     if not foreseen.are_apart(kept):
         kept, merged = _exclusive(kept, rules)
     kept.sort(key=lambda one: one.key)
-    fresh = {track.key for track in tracks[known:]}.union(renewed)
-    began = [(track.key, track.state) for track in kept if track.key in fresh]
-    joints = regrouped(joints, began, {track.key for track in kept}, rules.config.tracks_together)
+    if renewed or not known == len(tracks) == len(kept):
+        fresh = {track.key for track in tracks[known:]}.union(renewed)
+        began = [(track.key, track.state) for track in kept if track.key in fresh]
+        joints = regrouped(joints, began, {track.key for track in kept}, rules.config.tracks_together)
     order = tuple(fates[i] for i in range(len(observations)))
     ended = (*foreseen.ended, *vague.items(), *merged)
     return Belief(foreseen.time, tuple(kept), tuple(joints), order, ended, tuple(renewed))

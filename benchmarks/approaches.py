@@ -68,6 +68,7 @@ def simulate(rng: np.random.Generator, config: TrackerConfig, drive: Drive | Non
     drive = drive or Drive()
     dt = 1 / drive.rate
     constants = rng.normal(size=2) * config.odometry.constants
+    wander = np.array([config.errors.wander_m] * 3 + [math.radians(config.errors.wander_yaw_deg)])
     stated, pallet = LevelPose(0.0, 0.0, 0.0, 0.0), drive.pallet
     odometry, seen, ways = [Odometry(0.0, stated)], [pallet], [0.0]
     for k in range(1, round(drive.duration * drive.rate) + 1):
@@ -77,7 +78,8 @@ def simulate(rng: np.random.Generator, config: TrackerConfig, drive: Drive | Non
         noise = np.linalg.cholesky(motion.covariance) @ rng.normal(size=3)
         floor = 1e-3 * config.odometry.floor_mm_per_sqrt_m * math.sqrt(motion.path) * rng.normal()
         pallet = seen_after(pallet, motion.increment + motion.constants @ constants + noise)
-        pallet = replace(pallet, z=pallet.z + floor)
+        x, y, z, yaw = (pallet.as_array() + math.sqrt(motion.path) * wander * rng.normal(size=4)).tolist()
+        pallet = LevelPose(x, y, z + floor, wrap_angle(yaw))
         seen.append(pallet)
         ways.append(ways[-1] + motion.path)
     shots = range(0, len(seen), drive.shot_every)

@@ -16,10 +16,13 @@ from tracking.belief import Belief, Rules
 from tracking.config import TrackerConfig
 from tracking.filter import PalletFilter
 from tracking.footprint import Footprints
-from tracking.motion import Twist
+from tracking.joint import regrouped
+from tracking.joint_filter import JointFilter, Seen
+from tracking.motion import Motion, Twist
 from tracking.observation import Observation, observe
 from tracking.odometry import Odometry, OdometryNoise
 from tracking.replay import Look, Replay
+from tracking.track import Key
 from tracking.tracker import PalletTracker
 
 REPEATS = 100
@@ -51,6 +54,7 @@ def measure_tracking(rounds: int) -> list[Section]:
         {
             "step": _steps(1),
             "steps": _steps(PALLETS),
+            "joint": _joint_steps(PALLETS),
             "replay": _replay(),
             "together": _fleet(rounds + 1, together=True),
             "alone": _fleet(rounds + 1, together=False),
@@ -60,6 +64,12 @@ def measure_tracking(rounds: int) -> list[Section]:
     rows = (
         ("predict, gate and update a track alone", 1e6 * timings.median("step") / REPEATS, "us per track", 60.0),
         (f"the same of {PALLETS} at once", 1e6 * timings.median("steps") / REPEATS / PALLETS, "us per track", 60.0),
+        (
+            f"the same of {PALLETS}, which share estimates",
+            1e6 * timings.median("joint") / REPEATS / PALLETS,
+            "us per track",
+            60.0,
+        ),
         ("replay of 2 s: 100 samples of odometry, 20 shots", 1e3 * timings.median("replay"), "ms", 3.0),
         (f"{PALLETS} tracks at {SHOTS} Hz, shot by shot", 100 * timings.median("together"), "% of a core", 15.0),
         (f"{PALLETS} tracks at {SHOTS} Hz, one by one", 100 * timings.median("alone"), "% of a core", None),
@@ -69,10 +79,7 @@ def measure_tracking(rounds: int) -> list[Section]:
 
 def _steps(tracks: int) -> Callable[[], object]:
     """Return steps of a filter's tracks, one after the other: a motion, the gate, and an update each."""
-    engine, motion = PalletFilter(TrackerConfig()), OdometryNoise().moved(Twist(0.5, 0.0, 0.1), 0.033)
-    (one,) = observe([_measurement(0.0, np.array([3.0, 2.0, 0.0, 1.5]))], TrackerConfig().errors)
-    if not isinstance(one, Observation):
-        raise one
+    engine, motion, one = PalletFilter(TrackerConfig()), _motion(), _observation()
     seen, ones = [one] * tracks, [1.0] * tracks
 
     def once() -> object:
@@ -84,6 +91,38 @@ def _steps(tracks: int) -> Callable[[], object]:
         return states
 
     return once
+
+
+def _joint_steps(tracks: int) -> Callable[[], object]:
+    """Return the same of tracks that share estimates."""
+    config = TrackerConfig()
+    engine, motion, one = PalletFilter(config), _motion(), _observation()
+    together = JointFilter(engine)
+    began = [(Key(0.0, str(number)), engine.begin(one)) for number in range(tracks)]
+    start = regrouped((), began, {key for key, _ in began}, config.tracks_together)
+    seen = [[Seen(member, one) for member in range(len(joint.keys))] for joint in start]
+    every, ones = [one] * tracks, [1.0] * tracks
+
+    def once() -> object:
+        joints = start
+        for _ in range(REPEATS):
+            joints = together.predicted(joints, motion)
+            engine.innovations([state for joint in joints for state in joint.members], every, ones)
+            joints = together.updated(joints, seen)
+        return joints
+
+    return once
+
+
+def _motion() -> Motion:
+    return OdometryNoise().moved(Twist(0.5, 0.0, 0.1), 0.033)
+
+
+def _observation() -> Observation:
+    (one,) = observe([_measurement(0.0, np.array([3.0, 2.0, 0.0, 1.5]))], TrackerConfig().errors)
+    if not isinstance(one, Observation):
+        raise one
+    return one
 
 
 def _replay() -> Callable[[], object]:

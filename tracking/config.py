@@ -27,6 +27,12 @@ class MeasurementErrors:
     """Largest part of a measurement's variance that others share."""
     common_path_m: float = 1.5
     """Way of the forklift over which that falls to a third, as the view of the pallet changes."""
+    wander_m: float = 0.001
+    """How the place where a pallet is seen wanders as the view of it changes, along each axis, by the root of the way
+    in metres: errors that last, and that no covariance of a single shot can state. Without it tracks would grow ever
+    surer by shots that err alike."""
+    wander_yaw_deg: float = 0.1
+    """The same of the yaw, in degrees."""
     inflation: float = 1.0
     """Factor on all covariances that measurements state. 1: they are used as they are; more where successive shots
     share more than the figures above say."""
@@ -122,6 +128,9 @@ class TrackerConfig:
     """What odometry cannot know."""
     estimate_odometry: bool = True
     """Whether its constant errors are estimated while driving, or only allowed for."""
+    tracks_together: int = 5
+    """How many tracks share one estimate at most, and with it what they tell of the forklift's motion. More gain
+    little and cost more; with 1 every track is filtered alone."""
     path: PathLimits = field(default_factory=PathLimits)
     """What is believed of odometry."""
     errors: MeasurementErrors = field(default_factory=MeasurementErrors)

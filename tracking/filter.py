@@ -73,7 +73,9 @@ class PalletFilter(ExtendedKalmanFilter):
         self.P: FloatArray = np.eye(SIZE)
         self._common_path = config.errors.common_path_m
         self._floor = 1e-3 * config.odometry.floor_mm_per_sqrt_m
-        self._estimated = config.estimate_odometry
+        wander, of_yaw = config.errors.wander_m**2, math.radians(config.errors.wander_yaw_deg) ** 2
+        self._wander = wander, of_yaw
+        self.estimated = config.estimate_odometry
         self._constants = np.diag(config.odometry.constants**2)
 
     def begin(self, observation: Observation) -> Gaussian:
@@ -88,11 +90,11 @@ class PalletFilter(ExtendedKalmanFilter):
 
     def predicted(self, states: Sequence[Gaussian], motion: Motion) -> list[Prediction]:
         """Return states after a motion of the forklift."""
-        alike, found = self._alike(motion), []
+        alike, found = self.alike(motion), []
         if len(states) > FEW:
             x, P = _stacked(states)
-            F, Q, x = stacked.transitions(x, motion, *alike)
-            P = stacked.carried(P, F, Q)
+            F, B, x = stacked.transitions(x, motion, alike[0])
+            P = stacked.carried(P, F, stacked.noise(B, motion, alike[1]))
             return [Prediction(Gaussian(*state), by_state) for *state, by_state in zip(x, P, F, strict=True)]
         for self.x, self.P in states:
             self.predict((motion, *alike))
@@ -122,15 +124,21 @@ class PalletFilter(ExtendedKalmanFilter):
         mean : (10,) array
             The state after.
         """
-        return _transition(mean, motion, *self._alike(motion))
+        return _transition(mean, motion, *self.alike(motion))
 
-    def _alike(self, motion: Motion) -> tuple[FloatArray, FloatArray]:
-        """Return those parts of F and Q that are the same for all states."""
+    def alike(self, motion: Motion) -> tuple[FloatArray, FloatArray]:
+        """Return those parts of F and Q, (10, 10) each, that are the same for all states."""
         stays = math.exp(-motion.path / self._common_path)
         F, Q = np.zeros((SIZE, SIZE)), np.zeros((SIZE, SIZE))
         F.flat[DIAGONAL] = [1.0] * COMMON.start + [stays] * 4
-        Q.flat[DIAGONAL] = [0.0, 0.0, self._floor**2 * motion.path, 0.0, 0.0, 0.0] + [1 - stays**2] * 4
+        place, yaw = (variance * motion.path for variance in self._wander)
+        height = place + self.height_noise(motion)
+        Q.flat[DIAGONAL] = [place, place, height, yaw, 0.0, 0.0] + [1 - stays**2] * 4
         return F, Q
+
+    def height_noise(self, motion: Motion) -> float:
+        """Return the variance of how a motion lifts the forklift, and all pallets alike."""
+        return self._floor**2 * motion.path
 
     def model(self, observation: Observation, scale: float = 1.0) -> MeasurementModel:
         """Return how a state leads to a measurement.
@@ -177,9 +185,9 @@ class PalletFilter(ExtendedKalmanFilter):
         """Return the same of many states and measurements, all with the same components."""
         if len(states) <= FEW:
             return [self.innovation(*one) for one in zip(states, observations, scales, strict=True)]
-        H, R = self._models(observations, scales)
+        H, R = self.models(observations, scales)
         x, P = _stacked(states)
-        found = stacked.distances(P, H, R, _all_away(observations, H, x))
+        found = stacked.distances(P, H, R, all_away(observations, H, x))
         return [Innovation(*pair) for pair in zip(*(one.tolist() for one in found), strict=True)]
 
     def updated(self, state: Gaussian, observation: Observation, scale: float = 1.0, weight: float = 1.0) -> Gaussian:
@@ -218,13 +226,14 @@ class PalletFilter(ExtendedKalmanFilter):
         """Return the same of many states and measurements, all with the same components."""
         if len(states) <= FEW:
             return [self.updated(*one) for one in zip(states, observations, scales, weights, strict=True)]
-        H, R = self._models(observations, scales)
+        H, R = self.models(observations, scales)
         x, P = _stacked(states)
         R = R / np.array(weights)[:, None, None]
-        found = stacked.corrected(x, P, H, R, _all_away(observations, H, x), self._estimated)
+        found = stacked.corrected(x, P, H, R, all_away(observations, H, x), self.estimated)
         return [Gaussian(*state) for state in zip(*found, strict=True)]
 
-    def _models(self, observations: Sequence[Observation], scales: Sequence[float]) -> tuple[FloatArray, FloatArray]:
+    def models(self, observations: Sequence[Observation], scales: Sequence[float]) -> tuple[FloatArray, FloatArray]:
+        """Return the matrices H, (n, k, 10), and R, (n, k, k), of measurements with the same components."""
         H = np.zeros((len(observations), len(observations[0].components), SIZE))
         H[:, :, POSE] = picked(observations[0].components)
         factors = np.array(scales)[:, None, None]
@@ -249,7 +258,7 @@ class PalletFilter(ExtendedKalmanFilter):
         of_state = H.dot(self.P)
         self.S = of_state.dot(H.T) + R
         self.K = dgesv(self.S, of_state)[2].T  # the same as by the inverse of S, which is symmetric
-        if not self._estimated:
+        if not self.estimated:
             self.K[CONSTANTS] = 0.0
         self.x = self.x + self.K.dot(self.y)
         stays = self._I - self.K.dot(H)
@@ -286,8 +295,8 @@ def _stacked(states: Sequence[Gaussian]) -> tuple[FloatArray, FloatArray]:
     return np.array([state.mean for state in states]), np.array([state.covariance for state in states])
 
 
-def _all_away(observations: Sequence[Observation], H: FloatArray, means: FloatArray) -> FloatArray:
-    """Return (n, k) innovations, angles the short way round."""
+def all_away(observations: Sequence[Observation], H: FloatArray, means: FloatArray) -> FloatArray:
+    """Return (n, k) innovations of states and measurements with the same components, angles the short way round."""
     away = np.array([one.values for one in observations]) - (H @ means[:, :, None])[:, :, 0]
     if observations[0].components[-1] == YAW:
         away[:, -1] = wrap_angle(away[:, -1])

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from tracking.belief import Belief
+from tracking.joint import Joint
 from tracking.track import Key, Track
 
 
@@ -17,6 +18,8 @@ class Moment:
     """Of its end, in seconds."""
     tracks: Mapping[int, Track]
     """By their numbers."""
+    joints: tuple[Joint, ...]
+    """What is known of them together."""
 
 
 class History:
@@ -48,5 +51,6 @@ class History:
         steps: list[Moment] = []
         for belief in (step for one in (*self.final, *latest) for step in (*one.via, one)):
             if belief.time is not None and not (steps and belief.time <= steps[-1].time):
-                steps.append(Moment(belief.time, {known[track.key]: track for track in belief.tracks}))
+                tracks = {known[track.key]: track for track in belief.tracks}
+                steps.append(Moment(belief.time, tracks, belief.joints))
         return tuple(steps)

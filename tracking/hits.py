@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from tracking.assignment import Pairing
-from tracking.config import TrackerConfig
-from tracking.filter import PalletFilter
+from tracking.config import GateConfig, TrackerConfig
 from tracking.gate import huber_weight
+from tracking.joint import Joint
+from tracking.joint_filter import JointFilter, Seen
 from tracking.observation import Observation
 from tracking.state import Gaussian
 from tracking.track import Track
@@ -29,36 +30,49 @@ class Hit(NamedTuple):
         """Which track and which measurement."""
         return self.track, self.observation.order
 
+    def weight(self, gate: GateConfig) -> float:
+        """Return how much it counts."""
+        return huber_weight(self.pairing.innovation.distance, len(self.observation.components), gate)
 
-def tracks_after(
-    tracks: Sequence[Track], hits: Sequence[Hit], time: float, engine: PalletFilter, config: TrackerConfig
-) -> list[Track]:
-    """Return tracks after a measurement of their own each.
+
+def updated(
+    joints: Sequence[Joint], hits: Sequence[Sequence[tuple[int, Hit]]], engine: JointFilter, gate: GateConfig
+) -> list[Joint]:
+    """Return estimates after the measurements of their tracks.
 
     Parameters
     ----------
-    tracks : sequence of Track
+    joints : sequence of Joint
         As the shot finds them.
-    hits : sequence of Hit
-        Their measurements, all with the same components.
+    hits : sequence of sequence of (int, Hit)
+        For each of them, which of its members were measured, and how.
+    engine : JointFilter
+        The filter.
+    gate : GateConfig
+        How much a measurement counts.
+    """
+    seen = [
+        [Seen(member, hit.observation, hit.pairing.scale, hit.weight(gate)) for member, hit in ones] for ones in hits
+    ]
+    return engine.updated(joints, seen)
+
+
+def seen_track(track: Track, hit: Hit, state: Gaussian, time: float, config: TrackerConfig) -> Track:
+    """Return a track after a measurement of its own.
+
+    Parameters
+    ----------
+    track : Track
+        As the shot finds it.
+    hit : Hit
+        The measurement.
+    state : Gaussian
+        What is known of it after the shot.
     time : float
         Of the shot, in seconds.
-    engine : PalletFilter
-        The filter.
     config : TrackerConfig
         Parameters.
     """
-    gate, dof = config.gate, len(hits[0].observation.components)
-    states = engine.updates(
-        [track.state for track in tracks],
-        [hit.observation for hit in hits],
-        [hit.pairing.scale for hit in hits],
-        [huber_weight(hit.pairing.innovation.distance, dof, gate) for hit in hits],
-    )
-    return [_seen(*one, time, config) for one in zip(tracks, hits, states, strict=True)]
-
-
-def _seen(track: Track, hit: Hit, state: Gaussian, time: float, config: TrackerConfig) -> Track:
     gate, pairing = config.gate, hit.pairing
     distance = pairing.innovation.distance
     ratios = track.ratios
@@ -74,5 +88,4 @@ def _seen(track: Track, hit: Hit, state: Gaussian, time: float, config: TrackerC
         confirmed=track.confirmed or hits >= config.life.confirm_hits,
         nis=distance,
         ratios=ratios,
-        predicted=track.predicted,
     )

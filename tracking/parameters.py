@@ -25,6 +25,7 @@ RANGES: Ranges = (
     ("max_turn_dps", 1, 3600),
     ("turn_acceleration_dps2", 0, 3600),
     ("max_ahead_s", 0, 60),
+    ("tracks_together", 1, 50),
     ("window_s", 0.01, 600),
     ("max_jump_s", 0.1, 1e6),
     ("tentative_age_s", 0.01, 3600),

@@ -9,10 +9,12 @@ import math
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass, replace
 
-from tracking.belief import Belief, Foreseen, Rules, advance, carried, waiting
+from tracking.belief import Belief, Rules
+from tracking.foreseen import Foreseen
 from tracking.motion import no_motion
 from tracking.observation import Observation
 from tracking.path import DrivenPath
+from tracking.step import advance, carried, waiting
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -27,10 +27,11 @@ from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 from tracking.config import TrackerConfig
 from tracking.filter import PalletFilter
 from tracking.history import Moment
+from tracking.joint import Joint, joint_of, picked, places_of
 from tracking.observation import YAW
 from tracking.path import DrivenPath
 from tracking.state import POSE, Gaussian
-from tracking.track import Track
+from tracking.track import Key, Track
 
 LEAST_SHARE = 1e-12
 """Part of the largest variance, in units of standard deviations, below which a direction counts as known exactly."""
@@ -85,21 +86,25 @@ def smoothed(history: Sequence[Moment]) -> tuple[SmoothedMoment, ...]:
         odometry's constants are only allowed for and not estimated, the filter's gain is not the best one, and the
         smoother's covariances are an approximation.
     """
-    chains: dict[int, list[Track]] = {}
-    for moment in history:
-        for number, track in moment.tracks.items():
-            chains.setdefault(number, []).append(track)
-    states = {number: iter(smoothed_chain(chain)) for number, chain in chains.items()}
+    chains = [one.joints for one in history]
+    known = [
+        {key: state for joint, whole in zip(joints, states, strict=True) for key, state in _members(joint, whole)}
+        for joints, states in zip(chains, smoothed_joints(chains), strict=True)
+    ]
     return tuple(
         SmoothedMoment(
             moment.time,
             tuple(
-                SmoothedState(moment.time, number, track, next(states[number]))
+                SmoothedState(moment.time, number, track, states[track.key])
                 for number, track in sorted(moment.tracks.items())
             ),
         )
-        for moment in history
+        for moment, states in zip(history, known, strict=True)
     )
+
+
+def _members(joint: Joint, state: Gaussian) -> Iterable[tuple[Key, Gaussian]]:
+    return zip(joint.keys, joint_of(joint.keys, state).members, strict=True)
 
 
 def smoothed_at(
@@ -139,38 +144,50 @@ def smoothed_at(
     return tuple(states)
 
 
-def smoothed_chain(chain: Sequence[Track]) -> list[Gaussian]:
-    """Smooth one track.
+def smoothed_joints(steps: Sequence[Sequence[Joint]]) -> list[list[Gaussian]]:
+    """Smooth what is known of pallets together.
 
     Parameters
     ----------
-    chain : sequence of Track
-        The track after each step, in order. Where one says that it was not predicted, it began there.
+    steps : sequence of sequence of Joint
+        The estimates after each step, in order.
 
     Returns
     -------
-    list of Gaussian
-        One for each step.
+    list of list of Gaussian
+        One for each of them.
     """
-    states: list[Gaussian] = []
-    later: Track | None = None
-    for track in reversed(chain):
-        if later is None or later.predicted is None:
-            states.append(track.state)
-        else:
-            states.append(_back(track.state, later.predicted.state, later.predicted.F, states[-1]))
-        later = track
-    return states[::-1]
+    found: list[list[Gaussian]] = []
+    later: list[tuple[Joint, Gaussian]] = []
+    for joints in reversed(steps):
+        following = {key: one for one in later for key in one[0].carried}
+        states = []
+        for joint in joints:
+            after = next((following[key] for key in joint.keys if key in following), None)
+            states.append(joint.state if after is None else _back(joint.state, *after))
+        found.append(states)
+        later = list(zip(joints, states, strict=True))
+    return found[::-1]
 
 
-def _back(known: Gaussian, expected: Gaussian, F: FloatArray, later: Gaussian) -> Gaussian:
-    """Return what is known after a step by all that is known after the next one."""
-    gain = known.covariance @ F.T @ _inverse(expected.covariance)
-    away = later.mean - expected.mean
-    away[YAW] = wrap_angle(float(away[YAW]))
+def _back(known: Gaussian, later: Joint, smooth: Gaussian) -> Gaussian:
+    """Return what is known after a step by all that is known after the next one.
+
+    By the pallets that lived on through that, which tell all that was learnt after it.
+    """
+    foretold = later.foretold
+    if foretold is None:
+        return known
+    before, now = picked(foretold.keys, later.carried), picked(later.keys, later.carried)
+    expected = Gaussian(foretold.state.mean[before], foretold.state.covariance[np.ix_(before, before)])
+    gain = known.covariance @ foretold.F[before].T @ _inverse(expected.covariance)
+    away = smooth.mean[now] - expected.mean
+    yaws = places_of(len(later.carried))[:, YAW]
+    away[yaws] = wrap_angle(away[yaws])
     mean = known.mean + gain @ away
-    mean[YAW] = wrap_angle(float(mean[YAW]))
-    covariance = known.covariance + gain @ (later.covariance - expected.covariance) @ gain.T
+    yaws = places_of(len(foretold.keys))[:, YAW]
+    mean[yaws] = wrap_angle(mean[yaws])
+    covariance = known.covariance + gain @ (smooth.covariance[np.ix_(now, now)] - expected.covariance) @ gain.T
     return Gaussian(mean, (covariance + covariance.T) / 2)
 
 

@@ -27,11 +27,13 @@ from tracking.snapshot_form import (
     NewsForm,
     SnapshotBase,
     as_held,
+    as_joint,
     as_key,
     as_observations,
     as_odometry,
     as_track,
     plain_held,
+    plain_joint,
     plain_key,
     plain_measured,
     plain_odometry,
@@ -39,7 +41,7 @@ from tracking.snapshot_form import (
 )
 from tracking.snapshot_latency import LatencyForm, plain_watch, restore_watch
 
-VERSION = 1
+VERSION = 2
 """Of the form; another one is refused."""
 
 
@@ -77,6 +79,7 @@ def written(
         base=BaseForm(
             time=base.time,
             tracks=[plain_track(track) for track in base.tracks],
+            joints=[plain_joint(joint) for joint in base.joints],
             ended=[(plain_key(key), reason) for key, reason in base.ended],
         ),
         odometry=[plain_odometry(sample) for sample in replay.path],
@@ -138,8 +141,7 @@ def restored(
     plain = _checked(snapshot)
     clock.newest = -math.inf if plain.newest is None else plain.newest
     clock.elsewhere = list(plain.elsewhere)
-    ended = tuple((as_key(key), reason) for key, reason in plain.base.ended)
-    replay.base = Belief(plain.base.time, tuple(as_track(track) for track in plain.base.tracks), ended=ended)
+    replay.base = _base(plain.base)
     try:
         for sample in plain.odometry:
             replay.path.put(as_odometry(sample))
@@ -159,6 +161,22 @@ def restored(
     if not believed <= news.names.numbers.keys():
         raise SnapshotError("snapshot: news.numbers: expected a number for every track")
     return held
+
+
+def _base(plain: BaseForm) -> Belief:
+    """Return what was believed before the window."""
+    try:
+        joints = tuple(as_joint(joint) for joint in plain.joints)
+    except ValueError as error:
+        raise SnapshotError(f"snapshot: base.joints: {error}") from None
+    known = [(key, state) for joint in joints for key, state in zip(joint.keys, joint.members, strict=True)]
+    keys = [as_key(track.key) for track in plain.tracks]
+    if sorted(key for key, _ in known) != sorted(keys):
+        raise SnapshotError("snapshot: base.joints: expected every track in one of them")
+    states = dict(known)
+    tracks = tuple(as_track(track, states[key]) for key, track in zip(keys, plain.tracks, strict=True))
+    ended = tuple((as_key(key), reason) for key, reason in plain.ended)
+    return Belief(plain.time, tracks, joints, ended=ended)
 
 
 def _checked(snapshot: Mapping[str, Any]) -> SnapshotForm:

@@ -17,6 +17,7 @@ from palletloc.measurement import PalletMeasurement, YawSource
 from palletloc.track_status import Status
 from tracking.config import TrackerConfig
 from tracking.events import EventKind
+from tracking.joint import Joint, joint_of, size_of
 from tracking.motion import Twist
 from tracking.observation import Observation, PartialMeasurement, observe
 from tracking.odometry import Odometry, check_odometry
@@ -58,12 +59,19 @@ class RivalForm(_Plain):
     hits: int
 
 
+class JointForm(_Plain):
+    """What is known of tracks together."""
+
+    keys: Annotated[list[KeyForm], Field(min_length=1)]
+    mean: list[float]
+    covariance: list[list[float]]
+
+
 class TrackForm(_Plain):
-    """A track."""
+    """A track; its state is that in its estimate."""
 
     key: KeyForm
     model: str
-    state: GaussianForm
     seen: float
     hits: int
     misses: int
@@ -78,6 +86,7 @@ class BaseForm(_Plain):
 
     time: float | None
     tracks: list[TrackForm]
+    joints: list[JointForm]
     ended: list[tuple[KeyForm, str]]
 
 
@@ -147,7 +156,7 @@ class NewsForm(_Plain):
 class SnapshotBase(_Plain):
     """Everything."""
 
-    version: Literal[1]
+    version: Literal[2]
     config: dict[str, Any]
     newest: float | None
     elsewhere: list[float]
@@ -182,7 +191,6 @@ def plain_track(one: Track) -> TrackForm:
     return TrackForm(
         key=plain_key(one.key),
         model=one.model,
-        state=_gaussian(one.state),
         seen=one.seen,
         hits=one.hits,
         misses=one.misses,
@@ -193,13 +201,13 @@ def plain_track(one: Track) -> TrackForm:
     )
 
 
-def as_track(plain: TrackForm) -> Track:
-    """Return a track."""
+def as_track(plain: TrackForm, state: Gaussian) -> Track:
+    """Return a track in some state."""
     rival = plain.rival
     return Track(
         as_key(plain.key),
         plain.model,
-        _as_gaussian(plain.state),
+        state,
         plain.seen,
         plain.hits,
         plain.misses,
@@ -208,6 +216,27 @@ def as_track(plain: TrackForm) -> Track:
         tuple(plain.ratios),
         None if rival is None else Rival(_as_gaussian(rival.state), rival.model, rival.hits),
     )
+
+
+def plain_joint(one: Joint) -> JointForm:
+    """Return what is known of tracks together as plain values."""
+    mean, covariance = one.state
+    return JointForm(keys=[plain_key(key) for key in one.keys], mean=mean.tolist(), covariance=covariance.tolist())
+
+
+def as_joint(plain: JointForm) -> Joint:
+    """Return what is known of tracks together.
+
+    Raises
+    ------
+    ValueError
+        If it is not of the size of as many tracks.
+    """
+    size = size_of(len(plain.keys))
+    if len(plain.mean) != size or [len(row) for row in plain.covariance] != [size] * size:
+        raise ValueError(f"expected {size} numbers and their covariance for {len(plain.keys)} tracks")
+    state = Gaussian(np.array(plain.mean), np.array(plain.covariance))
+    return joint_of(tuple(as_key(key) for key in plain.keys), state)
 
 
 def plain_odometry(sample: Odometry) -> OdometryForm:

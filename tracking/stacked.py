@@ -13,9 +13,7 @@ from tracking.observation import YAW
 from tracking.state import CONSTANTS, DIAGONAL, POSE
 
 
-def transitions(
-    means: FloatArray, motion: Motion, F: FloatArray, Q: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def transitions(means: FloatArray, motion: Motion, F: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return what a motion does to states.
 
     Parameters
@@ -24,15 +22,15 @@ def transitions(
         The states before.
     motion : Motion
         As odometry has it; the states' constants mend it.
-    F, Q : (10, 10) array
-        The parts of the matrices that are the same for all states.
+    F : (10, 10) array
+        The part of the derivative that is the same for all states.
 
     Returns
     -------
     F : (n, 10, 10) array
         Derivatives by the states before.
-    Q : (n, 10, 10) array
-        Covariances of the motion's noise in the states after.
+    B : (n, 4, 3) array
+        Derivatives of the poses after by the motion.
     means : (n, 10) array
         The states after.
     """
@@ -46,11 +44,27 @@ def transitions(
     by_motion[:, 0], by_motion[:, 1], by_motion[:, YAW, 2] = by_floor.real, by_floor.imag, -1.0
     after = means * F.flat[DIAGONAL]
     after[:, 0], after[:, 1], after[:, YAW] = place.real, place.imag, wrap_angle(means[:, YAW] - turn)
-    by_state, noise = np.repeat(F[None], count, axis=0), np.repeat(Q[None], count, axis=0)
+    by_state = np.repeat(F[None], count, axis=0)
     by_state[:, :2, :2] = -by_motion[:, :2, :2]
     by_state[:, POSE, CONSTANTS] = by_motion @ motion.constants
-    noise[:, POSE, POSE] += by_motion @ motion.covariance @ by_motion.transpose(0, 2, 1)
-    return by_state, noise, after
+    return by_state, by_motion, after
+
+
+def noise(B: FloatArray, motion: Motion, Q: FloatArray) -> FloatArray:
+    """Return (n, 10, 10) covariances of a motion's noise in states after it.
+
+    Parameters
+    ----------
+    B : (n, 4, 3) array
+        Derivatives of the poses by the motion.
+    motion : Motion
+        With its noise.
+    Q : (10, 10) array
+        The part that is the same for all states.
+    """
+    found = np.repeat(Q[None], len(B), axis=0)
+    found[:, POSE, POSE] += B @ motion.covariance @ B.transpose(0, 2, 1)
+    return found
 
 
 def carried(P: FloatArray, F: FloatArray, Q: FloatArray) -> FloatArray:

@@ -9,7 +9,6 @@ from typing import NamedTuple
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.track_status import Status
 from tracking.config import LifeConfig
-from tracking.filter import Prediction
 from tracking.state import POSE, Gaussian
 
 
@@ -43,7 +42,7 @@ class Track:
     model: str
     """Name of the pallet model."""
     state: Gaussian
-    """What the filter knows, at the time of the last shot."""
+    """What the filter knows of it alone, at the time of the last shot."""
     seen: float
     """Time of its last measurement, in seconds."""
     hits: int = 1
@@ -58,8 +57,6 @@ class Track:
     """The last ones over their degrees of freedom."""
     rival: Rival | None = None
     """What contradicts it."""
-    predicted: Prediction | None = None
-    """How the last shot found it, before its measurement; None where it began there."""
 
     @property
     def pose(self) -> LevelPose:
@@ -71,12 +68,12 @@ class Track:
         """(4, 4) covariance of (x, y, z, yaw), in metres and radians."""
         return self.state.covariance[POSE, POSE]
 
-    def carried(self, predicted: Prediction) -> Track:
-        """Return the track after a motion; written out, for it is done for every track at every shot."""
+    def carried(self, state: Gaussian) -> Track:
+        """Return the track in another state; written out, for it is done for every track at every shot."""
         return Track(
             self.key,
             self.model,
-            predicted.state,
+            state,
             self.seen,
             self.hits,
             self.misses,
@@ -84,7 +81,6 @@ class Track:
             self.nis,
             self.ratios,
             self.rival,
-            predicted,
         )
 
     def status(self, time: float, config: LifeConfig) -> Status:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from tracking import PalletTracker
+from tracking import PalletTracker, TrackerConfig
 from tracking.tracker import Input
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -16,18 +16,19 @@ FEW = settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck
 MANY = settings(FEW, max_examples=60)
 
 
-def pushed(inputs: Sequence[Input], batch: int = 1) -> PalletTracker:
-    tracker = PalletTracker()
+def pushed(inputs: Sequence[Input], batch: int = 1, together: int = 5) -> PalletTracker:
+    tracker = PalletTracker(TrackerConfig(tracks_together=together))
     for start in range(0, len(inputs), batch):
         tracker.push(inputs[start : start + batch])
     return tracker
 
 
-def any_order(make_site: Callable[..., Any], same_states: Callable[..., None], seed: int) -> None:
+def any_order(make_site: Callable[..., Any], same_states: Callable[..., None], seed: int, together: int = 5) -> None:
     site = make_site(seed)
     inputs = site.stream(5.0)
     times = [4.0, 4.62, inputs[-1].time, 5.1, 5.4]
-    same_states(pushed(inputs), pushed(site.late(inputs)), times)
+    in_order, late = (pushed(ones, together=together) for ones in (inputs, site.late(inputs)))
+    same_states(in_order, late, times)
 
 
 @FEW
@@ -36,6 +37,14 @@ def test_any_order_of_arrival_inside_the_window_gives_the_same_states(
     make_site: Callable[..., Any], same_states: Callable[..., None], seed: int
 ) -> None:
     any_order(make_site, same_states, seed)
+
+
+@pytest.mark.parametrize("together", [1, 2])
+def test_so_it_does_where_few_tracks_share_an_estimate(
+    make_site: Callable[..., Any], same_states: Callable[..., None], together: int
+) -> None:
+    for seed in range(3):
+        any_order(make_site, same_states, seed, together)
 
 
 @pytest.mark.slow

@@ -20,6 +20,8 @@ from tracking.state import COMMON, CONSTANTS, POSE, SIZE, Gaussian
 
 CONFIG = TrackerConfig()
 NOISE = OdometryNoise()
+ALONE = MeasurementErrors(0.0, 0.0, wander_m=0.0, wander_yaw_deg=0.0)
+"""Measurements that share nothing, of pallets that stand still."""
 PARTS = (("x", "y", "z", "yaw"), ("yaw",), ("x", "y", "z"), ("x", "y"), ("z", "yaw"))
 
 
@@ -56,18 +58,21 @@ class Plain:
         dx, dy, turn = motion.increment + motion.constants @ x[CONSTANTS] + noise[:3]
         stays = math.exp(-motion.path / CONFIG.errors.common_path_m)
         back = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
-        place = back @ (x[:2] - np.array([dx, dy]))
+        place = back @ (x[:2] - np.array([dx, dy])) + noise[8:10]
         common = stays * x[COMMON] + noise[3:7]
-        return np.array([*place, x[2] + noise[7], x[3] - turn, *x[CONSTANTS], *common])
+        return np.array([*place, x[2] + noise[7], x[3] - turn + noise[10], *x[CONSTANTS], *common])
 
     def predict(self, motion: Motion) -> None:
-        step, none = 1e-30, np.zeros(8)  # along the imaginary axis: no cancellation
+        step, none = 1e-30, np.zeros(11)  # along the imaginary axis: no cancellation
         F = np.array([self.f(self.x + step * 1j * e, motion, none).imag / step for e in np.eye(10)]).T
-        G = np.array([self.f(self.x, motion, step * 1j * e).imag / step for e in np.eye(8)]).T
-        q = np.zeros((8, 8))
+        G = np.array([self.f(self.x, motion, step * 1j * e).imag / step for e in np.eye(11)]).T
+        q = np.zeros((11, 11))
         q[:3, :3] = motion.covariance
         q[3:7, 3:7] = (1 - math.exp(-2 * motion.path / CONFIG.errors.common_path_m)) * np.eye(4)
-        q[7, 7] = (1e-3 * NOISE.floor_mm_per_sqrt_m) ** 2 * motion.path
+        wander = CONFIG.errors.wander_m**2 * motion.path
+        q[7, 7] = (1e-3 * NOISE.floor_mm_per_sqrt_m) ** 2 * motion.path + wander
+        q[8, 8] = q[9, 9] = wander
+        q[10, 10] = math.radians(CONFIG.errors.wander_yaw_deg) ** 2 * motion.path
         self.x = self.f(self.x, motion, none)
         self.P = F @ self.P @ F.T + G @ q @ G.T
 
@@ -95,7 +100,7 @@ def test_it_is_the_textbooks_filter_over_500_steps_with_all_kinds_of_measurement
         (predicted,) = engine.predicted([state], motion)
         plain.predict(motion)
         parts = PARTS[step % len(PARTS)]
-        truth = Plain.f(np.concatenate([truth, np.zeros(6)]), motion, np.zeros(8))[:4]
+        truth = Plain.f(np.concatenate([truth, np.zeros(6)]), motion, np.zeros(11))[:4]
         one = seen(truth + 0.01 * rng.normal(size=4), covariance(rng, len(parts)), parts)
         state = engine.updated(predicted.state, one)
         plain.update(one)
@@ -117,6 +122,9 @@ def test_the_derivatives_of_a_step_are_those_of_finite_differences() -> None:
         np.testing.assert_allclose(F, slopes, atol=1e-8)
         noisy = [engine.transition(x, replace(motion, increment=motion.increment + e * step))[2] for e in np.eye(3)]
         G = (np.array(noisy) - after).T / step
+        errors = CONFIG.errors
+        wander = np.array([errors.wander_m] * 3 + [math.radians(errors.wander_yaw_deg)])
+        Q[POSE, POSE] -= np.diag(wander**2) * motion.path
         Q[2, 2] -= (1e-3 * NOISE.floor_mm_per_sqrt_m) ** 2 * motion.path
         np.testing.assert_allclose(Q[POSE, POSE], (G @ motion.covariance @ G.T)[POSE, POSE], atol=1e-10)
 
@@ -206,7 +214,7 @@ def test_the_yaw_goes_round_and_round() -> None:
     state = engine.begin(seen(truth, R))
     turning = NOISE.moved(Twist(0.0, 0.0, 0.9), 0.2)
     for _ in range(400):
-        truth = Plain.f(np.concatenate([truth, np.zeros(6)]), turning, np.zeros(8))[:4]
+        truth = Plain.f(np.concatenate([truth, np.zeros(6)]), turning, np.zeros(11))[:4]
         (predicted,) = engine.predicted([state], turning)
         state = engine.updated(predicted.state, seen(truth + rng.multivariate_normal(np.zeros(4), R), R))
         assert -math.pi <= state.mean[YAW] < math.pi
@@ -267,12 +275,12 @@ def errors_of(engine: PalletFilter, rng: np.random.Generator, wrong: bool = Fals
     constants = NOISE.constants * rng.normal(size=2)
     truth = np.array([4.0, 1.5, 0.5, 1.0])
     R = np.diag([1e-5, 1e-5, 1e-5, 1e-6])
-    config = replace(CONFIG, errors=MeasurementErrors(0.0, 0.0, inflation=1.0))
+    config = replace(CONFIG, errors=ALONE)
     state = engine.begin(seen(truth + rng.multivariate_normal(np.zeros(4), R), R, COMPONENTS, config))
     found = []
     for step in range(60):
         motion = NOISE.moved(Twist(0.6 if step % 20 < 10 else -0.6, 0.0, 0.5 if step % 14 < 7 else -0.5), 0.25)
-        noise = np.zeros(8)
+        noise = np.zeros(11)
         noise[:3] = rng.multivariate_normal(np.zeros(3), motion.covariance)
         noise[7] = 1e-3 * NOISE.floor_mm_per_sqrt_m * math.sqrt(motion.path) * rng.normal()
         truth = Plain.f(np.concatenate([truth, constants, np.zeros(4)]), motion, noise)[:4]
@@ -294,7 +302,7 @@ def errors_of(engine: PalletFilter, rng: np.random.Generator, wrong: bool = Fals
 @pytest.mark.parametrize("estimated", [True, False])
 def test_errors_are_as_large_as_they_are_said_to_be(estimated: bool) -> None:
     rng = np.random.default_rng(6)
-    config = replace(CONFIG, estimate_odometry=estimated, errors=MeasurementErrors(0.0, 0.0, inflation=1.0))
+    config = replace(CONFIG, estimate_odometry=estimated, errors=ALONE)
     engine = PalletFilter(config)
     mean = np.mean([errors_of(engine, rng) for _ in range(40)])
     assert 3.6 < mean < 4.4
@@ -302,7 +310,7 @@ def test_errors_are_as_large_as_they_are_said_to_be(estimated: bool) -> None:
 
 def test_without_the_cross_terms_of_the_turn_they_are_not() -> None:
     rng = np.random.default_rng(6)
-    engine = PalletFilter(replace(CONFIG, errors=MeasurementErrors(0.0, 0.0, inflation=1.0)))
+    engine = PalletFilter(replace(CONFIG, errors=ALONE))
     assert np.mean([errors_of(engine, rng, wrong=True) for _ in range(40)]) > 4.8
 
 
@@ -327,7 +335,7 @@ def test_constants_are_learned_while_driving() -> None:
     state = engine.begin(seen(truth, R))
     for step in range(100):
         motion = NOISE.moved(Twist(0.6 if step < 50 else -0.6, 0.0, 0.1), 0.2)
-        truth = Plain.f(np.concatenate([truth, constants, np.zeros(4)]), motion, np.zeros(8))[:4]
+        truth = Plain.f(np.concatenate([truth, constants, np.zeros(4)]), motion, np.zeros(11))[:4]
         (predicted,) = engine.predicted([state], motion)
         state = engine.updated(predicted.state, seen(truth, R))
     np.testing.assert_allclose(state.mean[CONSTANTS], constants, rtol=0.25)

@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.approaches import composed
 from palletloc.geometry import LevelPose
 from tracking import (
     Event,
     EventKind,
     Knowledge,
+    Odometry,
     PalletTracker,
     PartialMeasurement,
     ShotTaken,
@@ -284,3 +286,28 @@ def test_covariances_that_are_too_small_are_scaled_where_that_is_asked_for(make_
         return float(np.mean(found))
 
     assert nees(GateConfig()) < 0.6 * nees(GateConfig(adapt_over=0))
+
+
+def test_a_hidden_pallet_is_carried_along_with_those_that_are_seen(make_site: SiteMaker) -> None:
+    """The wheels slip by four centimetres in half a metre, once the third pallet is hidden."""
+
+    def off(together: int) -> tuple[float, float, float]:
+        site, tracker = make_site(7), PalletTracker(TrackerConfig(tracks_together=together))
+        for k in range(40):
+            time = k / 10
+            slipped = composed(site.forklift(time), (0.04, 0.0, 0.0)) if time > 2.5 else site.forklift(time)
+            tracker.push(Odometry(time, slipped))
+            tracker.push([site.measured(n, time) for n in range(2 if time > 2.0 else 3)])
+        state = next(one for one in tracker.tracks(3.9) if one.pose.z > 1.0)
+        wrong = state.pose.as_array() - site.truth(2, 3.9).as_array()
+        return (
+            float(np.hypot(*wrong[:2])),
+            float(np.trace(state.covariance[:2, :2])),
+            float(wrong @ np.linalg.solve(state.covariance, wrong)),
+        )
+
+    alone, mended = off(1), off(5)
+    assert alone[0] > 0.03
+    assert mended[0] < 0.6 * alone[0]
+    assert mended[1] < alone[1]
+    assert mended[2] < alone[2]

@@ -13,18 +13,20 @@ from scipy.stats import chi2
 from palletloc.geometry import FloatArray, LevelPose, level_pose, wrap_angle
 from palletloc.measurement import PalletMeasurement, YawSource
 from tracking.config import GateConfig, MeasurementErrors, TrackerConfig, WindowConfig
-from tracking.filter import PalletFilter, Prediction
+from tracking.filter import PalletFilter
+from tracking.joint import Joint, alone
+from tracking.joint_filter import JointFilter, Seen
 from tracking.motion import Motion, Twist
 from tracking.observation import Observation, observe
 from tracking.odometry import Odometry, OdometryNoise
 from tracking.shot_taken import ShotTaken
-from tracking.smoother import SmoothedMoment, smoothed, smoothed_chain
+from tracking.smoother import SmoothedMoment, smoothed, smoothed_joints
 from tracking.state import POSE, Gaussian
-from tracking.track import Key, Track
+from tracking.track import Key
 from tracking.tracker import Input, PalletTracker
 
 NOISE = OdometryNoise(wheel_scale_percent=2.0, gyro_bias_deg_s=0.3)
-ALONE = MeasurementErrors(common_position_m=0.0, common_yaw_deg=0.0, inflation=1.0)
+ALONE = MeasurementErrors(common_position_m=0.0, common_yaw_deg=0.0, wander_m=0.0, wander_yaw_deg=0.0)
 HONEST = TrackerConfig(
     odometry=NOISE,
     errors=ALONE,
@@ -95,19 +97,21 @@ def nees(state: Gaussian, true: FloatArray) -> float:
     return float(away @ np.linalg.solve(state.covariance[POSE, POSE], away))
 
 
-def chain_of(tracker: PalletTracker) -> dict[float, Track]:
-    (number,) = {number for moment in tracker.history() for number in moment.tracks}
-    return {moment.time: moment.tracks[number] for moment in tracker.history() if number in moment.tracks}
+def chain_of(tracker: PalletTracker) -> dict[float, Joint]:
+    return {moment.time: joint for moment in tracker.history() for joint in moment.joints}
 
 
-def without_odometry(chain: Sequence[Track]) -> list[Track]:
+def smoothed_chain(chain: Sequence[Joint]) -> list[Gaussian]:
+    return [state for (state,) in smoothed_joints([[joint] for joint in chain])]
+
+
+def without_odometry(chain: Sequence[Joint]) -> list[Joint]:
     """Return a track as a smoother for motions without input has it: expected is F times the state before."""
     blind = [chain[0]]
-    for before, track in pairwise(chain):
-        assert track.predicted is not None
-        F = track.predicted.F
-        expected = Gaussian(F @ before.state.mean, track.predicted.state.covariance)
-        blind.append(replace(track, predicted=Prediction(expected, F)))
+    for before, joint in pairwise(chain):
+        assert joint.foretold is not None
+        expected = Gaussian(joint.foretold.F @ before.state.mean, joint.foretold.state.covariance)
+        blind.append(replace(joint, foretold=replace(joint.foretold, state=expected)))
     return blind
 
 
@@ -115,7 +119,7 @@ RUNS = [approach(seed) for seed in range(40)]
 
 
 @cache
-def chain_of_run(seed: int) -> dict[float, Track]:
+def chain_of_run(seed: int) -> dict[float, Joint]:
     return chain_of(followed(RUNS[seed]))
 
 
@@ -165,10 +169,11 @@ def test_what_odometry_gets_wrong_is_known_from_the_begin() -> None:
     assert [state.mean[4] for state in smooth] == pytest.approx([smooth[-1].mean[4]] * len(smooth), abs=1e-9)
 
 
-def straight(config: TrackerConfig, count: int = 8) -> tuple[list[Track], list[Motion], list[Observation]]:
+def straight(config: TrackerConfig, count: int = 8) -> tuple[list[Joint], list[Motion], list[Observation]]:
     """Filter a way without turns, whose equations are linear."""
     random, engine = np.random.default_rng(5), PalletFilter(config)
-    chain: list[Track] = []
+    together = JointFilter(engine)
+    chain: list[Joint] = []
     motions: list[Motion] = []
     observations: list[Observation] = []
     for step in range(count):
@@ -177,13 +182,11 @@ def straight(config: TrackerConfig, count: int = 8) -> tuple[list[Track], list[M
         assert isinstance(ready, Observation)
         observations.append(ready)
         if not chain:
-            predicted = None
-            state = engine.begin(observations[0])
+            chain.append(alone(Key(0.0, ""), engine.begin(observations[0])))
         else:
             motions.append(config.odometry.moved(Twist(0.6, 0.0, 0.0), 0.5))
-            (predicted,) = engine.predicted([chain[-1].state], motions[-1])
-            state = engine.updated(predicted.state, observations[-1])
-        chain.append(Track(Key(0.0, ""), "t11", state, 0.5 * step, predicted=predicted))
+            foretold = together.predicted([chain[-1]], motions[-1])
+            chain += together.updated(foretold, [[Seen(0, observations[-1])]])
     return chain, motions, observations
 
 
@@ -235,7 +238,7 @@ def test_a_perfect_odometry_makes_one_pallet_of_all_shots() -> None:
 
 def test_nothing_is_carried_back_over_a_break() -> None:
     chain, _, _ = straight(HONEST)
-    broken = [*chain[:4], replace(chain[4], predicted=None), *chain[5:]]
+    broken = [*chain[:4], replace(chain[4], foretold=None, carried=()), *chain[5:]]
     states, alone = smoothed_chain(broken), [*smoothed_chain(chain[:4]), *smoothed_chain(broken[4:])]
     for state, expected in zip(states, alone, strict=True):
         assert (state.mean == expected.mean).all()
@@ -243,7 +246,7 @@ def test_nothing_is_carried_back_over_a_break() -> None:
     assert abs(states[3].mean[0] - smoothed_chain(chain)[3].mean[0]) > 1e-6
 
 
-def turned(by: float) -> list[Track]:
+def turned(by: float) -> list[Joint]:
     """Return a run's track with another heading of the pallet."""
 
     def rotated(one: Input) -> Input:
@@ -262,9 +265,9 @@ def turned(by: float) -> list[Track]:
 def test_a_yaw_may_pass_through_half_a_turn(step: int) -> None:
     """With another heading the same errors come out, also where the cut lies between two states of one step."""
     tracks = turned(0.0)
-    plain, predicted = smoothed_chain(tracks), tracks[step].predicted
-    assert predicted is not None
-    by = math.pi - float(plain[step].mean[3] + predicted.state.mean[3]) / 2
+    plain, foretold = smoothed_chain(tracks), tracks[step].foretold
+    assert foretold is not None
+    by = math.pi - float(plain[step].mean[3] + foretold.state.mean[3]) / 2
     over = smoothed_chain(turned(by))
     assert len({np.sign(state.mean[3]) for state in over}) == 2
     for one, other in zip(plain, over, strict=True):

@@ -16,7 +16,7 @@ from tracking.gate import covariance_scale
 CONFIG = GateConfig()
 PALLET = LevelPose(6.0, 2.0, 0.0, math.pi / 2)
 SETTLED = 20
-AS_STATED = MeasurementErrors(inflation=1.0)
+AS_STATED = MeasurementErrors(wander_m=0.0, wander_yaw_deg=0.0)
 
 
 def test_honest_innovations_change_nothing() -> None:

@@ -15,6 +15,7 @@ from calibration.formats.fields import FormatError, read_json, read_yaml
 from calibration.formats.own import camera_text, read_own
 from calibration.lenses.conversion import ConversionError, Difference, convert_lens, difference
 from calibration.lenses.models import MODELS, lens_model, model_of
+from calibration.required_file import require_file
 from palletloc.cameras import CameraModel, DualFisheye, Equirectangular, KannalaBrandt
 from palletloc.errors import PalletLocError, nearest_name
 from palletloc.io.atomic import write_text
@@ -100,7 +101,7 @@ def read_cameras(path: Path) -> list[FiledCamera]:
     InputError
         If it is none of them, or does not hold what its form says; names file and key.
     """
-    text = read_text(path)
+    text = read_text(require_file(path, "a camera file of any known format"))
     if path.suffix.lower() == ".txt":
         return ocam.read_ocam(path)
     if text.lstrip().startswith(("<?xml", "%YAML")):

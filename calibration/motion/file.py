@@ -12,6 +12,7 @@ from pydantic import Field
 from calibration.drive import DriveNoise
 from calibration.extrinsics_file import CharucoSpec, Positive, TagSpec, refuse_shared_ids, target_from_spec
 from calibration.motion.network import Height
+from calibration.required_file import require_file
 from calibration.targets import Target
 from palletloc.io.schema import Number
 from palletloc.io.yaml_document import Document, DocumentError, read_document
@@ -66,7 +67,7 @@ def read_motion_targets(folder: Path) -> MotionTargets:
     PalletLocError
         If it is missing or wrong; names file, key and what was expected.
     """
-    path = folder / TARGETS
+    path = require_file(folder / TARGETS, "the boards and tags that the recording drives past")
     spec = read_document(path, MotionTargetsSpec)
     targets = {name: target_from_spec(path, name, one.charuco, one.tag) for name, one in spec.targets.items()}
     refuse_shared_ids(path, targets)

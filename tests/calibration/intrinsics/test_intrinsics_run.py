@@ -282,7 +282,7 @@ def test_a_bad_cell_of_corners_is_named(
 def test_wrong_requests_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = corner_folder(tmp_path / "in", corner_lines(3))
     assert calibrate(folder, tmp_path / "camera.yaml", "fisheye") == 1
-    assert "unknown lens model 'fisheye'" in capsys.readouterr().err
+    assert "--model fisheye: unknown lens model; known are" in capsys.readouterr().err
     assert calibrate(folder, tmp_path / "camera.txt") == 1
     assert "expected the name of a .yaml file" in capsys.readouterr().err
     assert run(["calibrate", "intrinsics"], COMMANDS) == 2

@@ -80,6 +80,8 @@ def shelf(
 
     if front not in [one.value for one in Front]:
         raise typer.BadParameter(f"--front {front}: expected uprights or pallets")
+    if side not in (None, "left", "right"):
+        raise typer.BadParameter(f"--side {side}: expected left or right")
     _expect(out, ".yaml", ".yml")
     if (side is None) != (distance is None):
         raise typer.BadParameter("--side and --distance go together")

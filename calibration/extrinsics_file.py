@@ -12,6 +12,7 @@ from pydantic import BeforeValidator, Field
 
 from calibration.forklift_frame import ForkliftFrame
 from calibration.network import Survey
+from calibration.required_file import require_file
 from calibration.survey_section import SurveySection, SurveySectionSpec, read_survey_section
 from calibration.targets import CharucoBoard, SingleTag, Target, TargetError, patterns
 from calibration.texture_alignment import on_board
@@ -110,7 +111,7 @@ def read_extrinsics(folder: Path) -> ExtrinsicsTask:
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; expected one with {EXTRINSICS} in it")
-    path = folder / EXTRINSICS
+    path = require_file(folder / EXTRINSICS, "the camera, its shots and the surveyed targets")
     spec = read_document(path, ExtrinsicsSpec)
     try:
         camera = camera_from_spec(spec.camera)

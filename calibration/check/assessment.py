@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import norm
 
 from calibration.check.mounting import MountingCheck
 from calibration.findings import Finding, Severity, exit_code
@@ -15,6 +16,7 @@ from palletloc.io.camera_spec import angles_from_transform
 _SURE = 2.0
 _OPEN_DEG = 0.3
 _YAW_TOLERANCE_DEG, _YAW_SURE = 0.5, 3.0
+_HEIGHT_TOLERANCE, _HEIGHT_SURE = 0.015, 3.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,8 +53,8 @@ def _findings(check: MountingCheck, tolerance: float) -> Iterator[Finding]:
     if check.turn is None:
         yield Finding(
             Severity.DEGENERATE,
-            "no_verticals",
-            "too few upright edges are seen",
+            "nothing_seen",
+            "no source tells roll and pitch (" + "; ".join(f"{one.method}: {one.why}" for one in check.absent) + ")",
             "record where uprights, walls or doors are in view, with enough light",
         )
         return
@@ -62,19 +64,46 @@ def _findings(check: MountingCheck, tolerance: float) -> Iterator[Finding]:
         yield Finding(
             Severity.DEGENERATE,
             "one_axis_open",
-            f"{axis} is known to {sigma.max():.2f} degrees only: all upright edges are in one direction",
+            f"{axis} is known to {sigma.max():.2f} degrees only: what is seen is in one direction",
             "record where uprights are in view on more than one side",
         )
     yield from _drift(check, tolerance)
-    if check.chance < CHANCE:
-        first, second = (one.method for one in check.tilts[:2])
-        yield Finding(
-            Severity.FAIL,
-            "methods_disagree",
-            f"{first} and {second} contradict each other; chance leaves that to {check.chance:.1g} of cases",
-            "check that the uprights are plumb, the beams level and the floor even",
-        )
+    yield from _contradictions(check)
     yield from _yaw(check)
+    yield from _height(check)
+    for one in check.absent:
+        yield Finding(
+            Severity.NOTE, "source_absent", f"{one.method} say nothing: {one.why}", "nothing, the others do"
+        )
+
+
+def _contradictions(check: MountingCheck) -> Iterator[Finding]:
+    how = "check that the uprights are plumb, the beams level and the floor even"
+    worst = check.worst
+    if worst is not None and worst.chance < CHANCE:
+        both = f"{worst.first} and {worst.second} contradict each other"
+        what = f"{both}; chance leaves that to {worst.chance:.1g} of cases"
+        yield Finding(Severity.FAIL, "methods_disagree", what, how)
+    elif check.chance < CHANCE:
+        what = f"the sources differ by more than they state; chance leaves that to {check.chance:.1g} of cases"
+        yield Finding(Severity.FAIL, "methods_disagree", what, how)
+    if len(check.yaws) > 1:
+        first, second = check.yaws[:2]
+        off = abs(first.turn - second.turn) / float(np.hypot(first.sigma, second.sigma))
+        if 2 * norm.sf(off) < CHANCE:
+            what = f"{first.method} and {second.method} differ in yaw by {off:.1f} standard deviations"
+            yield Finding(
+                Severity.WARNING, "yaws_disagree", what, "look at the shelf's plan: calibrate shelf draws it"
+            )
+
+
+def _height(check: MountingCheck) -> Iterator[Finding]:
+    if check.height is None:
+        return
+    height, sigma = check.height
+    if abs(height) > _HEIGHT_TOLERANCE and abs(height) > _HEIGHT_SURE * sigma:
+        what = f"the camera is {1000 * height:+.0f} mm higher than stated (sigma {1000 * sigma:.0f})"
+        yield Finding(Severity.FAIL, "height_drift", what, "calibrate the mounting; check levels_m in recording.yaml")
 
 
 def _drift(check: MountingCheck, tolerance: float) -> Iterator[Finding]:

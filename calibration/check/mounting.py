@@ -7,8 +7,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
-from scipy.stats import chi2
 
+from calibration.check.floor_lines import floor_sights, floor_tilt
+from calibration.check.pallet_heights import HeightWitness, height_witness, see_heights
+from calibration.check.sources import (
+    FLOOR,
+    LEVELS,
+    PALLETS,
+    VERTICALS,
+    Absent,
+    Contradiction,
+    NamedTilt,
+    fused_tilt,
+)
 from calibration.shelf.bundle import solve
 from calibration.shelf.gravity_lines import Tilt, level_direction, level_tilt, vertical_tilt
 from calibration.shelf.line_segments import Segments, find_segments
@@ -17,23 +28,25 @@ from calibration.shelf.survey import ShelfSurvey, survey_shelf
 from palletloc.geometry import FloatArray
 from palletloc.io.recording import Recording
 
-VERTICALS, LEVELS = "upright edges", "level edges"
-"""Names of the methods."""
 _MOST_SHOTS = 8
 _AROUND = np.radians([0.0, 60.0, 120.0, 180.0, 240.0, 300.0])
 _DOWN = -0.1
+_FLOOR_AROUND = np.radians([0.0, 90.0, 180.0, 270.0])
+_FLOOR_DOWN = -1.0
 _YAW_PRIOR = float(np.radians(3.0))
 _YAW_AXIS = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class NamedTilt:
-    """What one method says."""
+class NamedYaw:
+    """What one source says of the yaw."""
 
     method: str
     """Its name."""
-    tilt: Tilt
-    """The tilt of what is seen against the stated mounting."""
+    turn: float
+    """Yaw by which the camera is turned, in radians."""
+    sigma: float
+    """Its standard deviation, in radians."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,17 +58,25 @@ class MountingCheck:
     segments: tuple[Segments, ...]
     """Straight edges of the shots, by the stated mounting."""
     tilts: tuple[NamedTilt, ...]
-    """One for each method that gave something."""
+    """One for each source that gave something."""
     turn: FloatArray | None
-    """(2,) roll and pitch by which the camera is turned, in radians; None where no method gives them."""
+    """(2,) roll and pitch by which the camera is turned, in radians; None where no source gives them."""
     covariance: FloatArray
     """(2, 2) of these."""
     chance: float
-    """How probable such a difference between the methods or a larger one is if both are right."""
+    """How probable such differences between the sources or larger ones are if all are right."""
     yaw: tuple[float, float] | None
     """Yaw by which it is turned and its standard deviation, in radians; None where nothing tells."""
     survey: ShelfSurvey | None
-    """The shelf by the mounting that is corrected for roll and pitch; None where these are not known."""
+    """The shelf by the mounting that is corrected for roll and pitch; None where there are no shots."""
+    absent: tuple[Absent, ...] = ()
+    """Sources that say nothing of roll and pitch."""
+    worst: Contradiction | None = None
+    """The two sources that differ most for what they state."""
+    yaws: tuple[NamedYaw, ...] = ()
+    """What pallets alone and uprights alone say of the yaw."""
+    height: tuple[float, float] | None = None
+    """How much higher the camera is than stated and the standard deviation, in metres; None where nothing tells."""
 
     @property
     def sigma(self) -> FloatArray:
@@ -84,30 +105,79 @@ def check_mounting(recording: Recording, on_progress: Callable[[str], None] = la
         Also where nothing was found.
     """
     shots = usable_shots(recording)
+    if not shots:
+        return MountingCheck(recording, (), (), None, np.zeros((2, 2)), 1.0, None, None)
     spread = np.unique(np.linspace(0, len(shots) - 1, min(len(shots), _MOST_SHOTS)).round().astype(int))
     on_progress("looking for upright edges")
     segments = [_segments(recording, shots[i]) for i in spread]
-    plumb = vertical_tilt(segments) if segments else None
-    if plumb is None:
-        return MountingCheck(recording, tuple(segments), (), None, np.zeros((2, 2)), 1.0, None, None)
-    corrected = _turned(recording.forklift_from_camera, -plumb.turn)
+    plumb = vertical_tilt(segments)
+    start = np.zeros(2) if plumb is None else plumb.turn
+    corrected = _turned(recording.forklift_from_camera, -start)
     survey = survey_shelf(
         replace(recording, forklift_from_camera=corrected), recording.shelf, on_progress=on_progress
     )
-    tilts = [NamedTilt(VERTICALS, plumb)]
-    level = _level(segments, spread, survey, plumb.turn)
-    if level is not None:
-        tilts.append(NamedTilt(LEVELS, level))
-    turn, covariance, chance = _together(tilts)
-    yaw = seen_yaw(survey)
-    turned_yaw = None if yaw is None else (-yaw[0], yaw[1])
-    return MountingCheck(recording, tuple(segments), tuple(tilts), -turn, covariance, chance, turned_yaw, survey)
+    on_progress("comparing the heights of pallets")
+    heights = see_heights(survey)
+    witness = None if heights is None else height_witness(heights, float(corrected.translation[2]))
+    on_progress("looking for lines on the floor")
+    rest = {
+        LEVELS: _level(segments, spread, survey, start),
+        FLOOR: _floor(survey, [int(i) for i in spread]),
+        PALLETS: None if witness is None else witness.tilt,
+    }
+    # These were measured after the upright edges had been made plumb: against the stated mounting that comes on top.
+    tilts = [] if plumb is None else [NamedTilt(VERTICALS, plumb)]
+    tilts += [NamedTilt(name, _on_top(tilt, start)) for name, tilt in rest.items() if tilt is not None]
+    told = {one.method for one in tilts}
+    absent = tuple(Absent(name, why) for name, why in _WHY.items() if name not in told)
+    yaw, yaws = _yaws(survey)
+    if not tilts:
+        return MountingCheck(recording, tuple(segments), (), None, np.zeros((2, 2)), 1.0, yaw, survey, absent)
+    fused = fused_tilt(tilts)
+    return MountingCheck(
+        recording, tuple(segments), tuple(tilts), -fused.turn, fused.covariance, fused.chance, yaw, survey, absent,
+        fused.worst, yaws, _height(witness, fused.turn - start, fused.covariance),
+    )  # fmt: skip
+
+
+_WHY = {
+    VERTICALS: "fewer than eight upright edges are seen",
+    LEVELS: "too few level edges along the shelf are seen, or its heading is not known",
+    FLOOR: "no line on the floor, along the shelf or square to it, is seen in three shots",
+    PALLETS: "fewer than six sights of pallets",
+}
+
+
+def _height(witness: HeightWitness | None, turn: FloatArray, covariance: FloatArray) -> tuple[float, float] | None:
+    return None if witness is None else witness.height_given(turn, covariance)
+
+
+def _on_top(tilt: Tilt, turn: FloatArray) -> Tilt:
+    """Return a tilt that comes on top of a turn, about the axes that it speaks of."""
+    values, axes = np.linalg.eigh(tilt.information)
+    known = axes[:, values > 1e-6 * values.max()]
+    return replace(tilt, turn=tilt.turn + known @ (known.T @ turn))
 
 
 def _segments(recording: Recording, index: int) -> Segments:
     image = recording.image(recording.shots[index], gray=True)
     ahead = [np.array([np.cos(a), np.sin(a), _DOWN]) for a in _AROUND]
     return find_segments(recording.camera, recording.mounting, image, ahead)
+
+
+def _floor(survey: ShelfSurvey, spread: Sequence[int]) -> Tilt | None:
+    """Return what lines on the floor say, by the mounting that the survey has."""
+    recording = survey.recording
+    if survey.plane is None:
+        return None
+    ahead = [np.array([np.cos(a), np.sin(a), _FLOOR_DOWN]) for a in _FLOOR_AROUND]
+    ahead += [np.array([np.cos(a), np.sin(a), _DOWN]) for a in _AROUND]
+    found = []
+    for i in spread:
+        image = recording.image(recording.shots[survey.shots[i]], gray=True)
+        found.append(find_segments(recording.camera, recording.mounting, image, ahead))
+    poses = survey.bundle.poses[list(spread)]
+    return floor_tilt(floor_sights(found, poses, recording.mounting.center, survey.plane))
 
 
 def _turned(forklift_from_camera: RigidTransform, turn: FloatArray) -> RigidTransform:
@@ -117,7 +187,7 @@ def _turned(forklift_from_camera: RigidTransform, turn: FloatArray) -> RigidTran
 
 
 def _level(segments: Sequence[Segments], spread: FloatArray, survey: ShelfSurvey, turn: FloatArray) -> Tilt | None:
-    """Return what edges along the shelf say, whose heading the survey knows."""
+    """Return what edges along the shelf say, whose heading the survey knows, once upright edges are plumb."""
     plane = survey.plane
     if plane is None:
         return None
@@ -129,22 +199,22 @@ def _level(segments: Sequence[Segments], spread: FloatArray, survey: ShelfSurvey
         direction = level_direction(leveled, heading)
         if direction is not None:
             found.append((direction, heading))
-    rest = level_tilt(found)
-    if rest is None:
-        return None
-    axis = np.linalg.eigh(rest.information)[1][:, -1]
-    return replace(rest, turn=rest.turn + axis * float(axis @ turn))
+    return level_tilt(found)
 
 
-def _together(tilts: Sequence[NamedTilt]) -> tuple[FloatArray, FloatArray, float]:
-    """Return the tilt by all methods, its covariance, and the chance of their differences."""
-    information = np.sum([one.tilt.information for one in tilts], axis=0)
-    covariance = np.linalg.pinv(information)
-    turn = covariance @ np.sum([one.tilt.information @ one.tilt.turn for one in tilts], axis=0)
-    off = [one.tilt.turn - turn for one in tilts]
-    square = sum(float(rest @ one.tilt.information @ rest) for rest, one in zip(off, tilts, strict=True))
-    freedom = len(tilts) - 1
-    return turn, covariance, float(chi2.sf(square, freedom)) if freedom else 1.0
+def _yaws(survey: ShelfSurvey) -> tuple[tuple[float, float] | None, tuple[NamedYaw, ...]]:
+    """Return by how much the camera is turned in yaw, by all landmarks and by each kind of them."""
+    kinds = {
+        PALLETS: replace(survey.observed, edges=()),
+        "uprights": replace(survey.observed, pallets=(), pallet_of=np.zeros(0, np.intp)),
+    }
+    seen = seen_yaw(survey)
+    yaws = []
+    for name, observed in kinds.items():
+        one = seen_yaw(replace(survey, observed=observed)) if observed.pallets or observed.edges else None
+        if one is not None:
+            yaws.append(NamedYaw(name, -one[0], one[1]))
+    return (None if seen is None else (-seen[0], seen[1])), tuple(yaws)
 
 
 def seen_yaw(survey: ShelfSurvey) -> tuple[float, float] | None:
@@ -162,7 +232,7 @@ def seen_yaw(survey: ShelfSurvey) -> tuple[float, float] | None:
     tuple of float or None
         In radians; None where there are no landmarks.
     """
-    if not len(survey.bundle.pallets) + len(survey.bundle.edges):
+    if not survey.observed.pallets and not survey.observed.edges:
         return None
     places = survey.bundle.edges if survey.observed.edges else None
     bundle = solve(survey.observed, places, _YAW_PRIOR)

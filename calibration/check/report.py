@@ -9,7 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from calibration.check.assessment import CheckAssessment
-from calibration.check.mounting import MountingCheck, NamedTilt
+from calibration.check.mounting import MountingCheck
+from calibration.check.sources import NamedTilt
 from calibration.finding_table import finding_data, finding_parts
 from calibration.shelf.gravity_lines import upright_edges
 from palletloc.drawing.canvas import (
@@ -36,6 +37,7 @@ _VERDICT = {
 }
 _LEFT, _RIGHT, _HEAD = 74, 24, 72
 _SHOWN_DEG = 1.5
+_OPEN_DEG = 5.0
 
 
 def check_data(assessment: CheckAssessment) -> dict[str, Any]:
@@ -47,6 +49,7 @@ def check_data(assessment: CheckAssessment) -> dict[str, Any]:
         "reasons": [finding_data(one) for one in assessment.findings],
         "tolerance_deg": float(np.degrees(assessment.tolerance)),
     }
+    data["absent"] = [{"method": one.method, "why": one.why} for one in check.absent]
     if check.turn is None:
         return data
     data["turned_deg"] = dict(zip(("roll", "pitch"), np.degrees(check.turn).tolist(), strict=True))
@@ -59,11 +62,18 @@ def check_data(assessment: CheckAssessment) -> dict[str, Any]:
             "method": one.method,
             "roll_deg": float(-np.degrees(one.tilt.turn[0])),
             "pitch_deg": float(-np.degrees(one.tilt.turn[1])),
+            "sigma_deg": [value if value < _OPEN_DEG else None for value in source_sigma(one)],
             "information_per_rad2": one.tilt.information.tolist(),
             "segments": one.tilt.segments,
         }
         for one in check.tilts
     ]
+    data["yaw_methods"] = [
+        {"method": one.method, "yaw_deg": float(np.degrees(one.turn)), "sigma_deg": float(np.degrees(one.sigma))}
+        for one in check.yaws
+    ]
+    if check.height is not None:
+        data["height_mm"], data["height_sigma_mm"] = (1000 * value for value in check.height)
     data["better_roll_pitch_yaw_deg"] = list(angles_from_transform(check.corrected())[1])
     return data
 
@@ -87,9 +97,18 @@ def _parts(assessment: CheckAssessment) -> Iterator[str]:
     yield from finding_parts(assessment.findings, "Nothing is left to do.")
     if check.turn is None:
         return
-    yield heading("Methods")
-    columns = (Column("method", is_text=True), *(Column(f"{name} {_DEGREE}") for name in ("roll", "pitch")))
-    yield table((*columns, Column("segments")), [_row(one) for one in check.tilts])
+    yield heading("Sources")
+    columns = ("roll", "sigma", "pitch", "sigma")
+    yield table(
+        (Column("source", is_text=True), *(Column(f"{name} {_DEGREE}") for name in columns), Column("sights")),
+        [source_row(one) for one in check.tilts] + [[one.method, "", "", "", "", "0"] for one in check.absent],
+    )
+    yield paragraph(agreement(check))
+    if check.yaws:
+        yield table(
+            (Column("yaw by", is_text=True), Column(f"yaw {_DEGREE}"), Column(f"sigma {_DEGREE}")),
+            [[one.method, f"{np.degrees(one.turn):+.2f}", f"{np.degrees(one.sigma):.2f}"] for one in check.yaws],
+        )
     yield picture(
         embedded(small_png(_figure(check))), "How upright edges lean, by the direction in which they are seen.",
         keep_wide=True,
@@ -109,11 +128,29 @@ def turns(check: MountingCheck) -> list[tuple[str, str, str]]:
     return rows
 
 
-def _row(one: NamedTilt) -> list[str]:
-    """Return the cells of a method; an axis that it leaves open stays empty."""
-    known = np.diag(one.tilt.information) > 0.05 * np.diag(one.tilt.information).max()
-    cells = [f"{-np.degrees(v):+.3f}" if k else "" for v, k in zip(one.tilt.turn, known, strict=True)]
-    return [one.method, *cells, str(one.tilt.segments)]
+def agreement(check: MountingCheck) -> str:
+    """Say whether the sources agree, and what they say of the height."""
+    parts = [f"Chance leaves differences like these, or larger ones, to {100 * check.chance:.2g} % of cases."]
+    if check.worst is not None:
+        parts.append(f"{check.worst.first} and {check.worst.second} differ most.".capitalize())
+    if check.height is not None:
+        height, sigma = (1000 * value for value in check.height)
+        parts.append(f"The camera is {height:+.0f} {_PM} {sigma:.0f} mm higher than stated, by the pallets.")
+    return " ".join(parts)
+
+
+def source_row(one: NamedTilt) -> list[str]:
+    """Return the cells of a source; an axis that it leaves open stays empty."""
+    cells = [one.method]
+    for value, sigma in zip(one.tilt.turn, source_sigma(one), strict=True):
+        cells += [f"{-np.degrees(value):+.3f}", f"{sigma:.3f}"] if sigma < _OPEN_DEG else ["", ""]
+    return [*cells, str(one.tilt.segments)]
+
+
+def source_sigma(one: NamedTilt) -> list[float]:
+    """Return the standard deviations of roll and pitch by one source, in degrees; an axis left open has about 57."""
+    covariance = np.linalg.inv(one.tilt.information + np.eye(2))
+    return [float(value) for value in np.degrees(np.sqrt(np.diag(covariance)))]
 
 
 def _figure(check: MountingCheck) -> Figure:

@@ -10,10 +10,11 @@ import numpy as np
 from rich import box
 from rich.console import RenderableType
 from rich.table import Table
+from rich.text import Text
 
 from calibration.check.assessment import CheckAssessment, assess_check
 from calibration.check.mounting import check_mounting
-from calibration.check.report import check_data, check_page, turns
+from calibration.check.report import agreement, check_data, check_page, source_row, turns
 from calibration.finding_table import finding_line
 from calibration.outcome import Outcome
 from palletloc.io.atomic import write_text
@@ -65,4 +66,9 @@ def _summary(assessment: CheckAssessment) -> list[RenderableType]:
         table.add_column(name, justify="right")
     for row in turns(assessment.check):
         table.add_row(*row)
-    return [table] if table.row_count else []
+    sources = Table(box=box.SIMPLE_HEAD)
+    for name in ("source", "roll \N{DEGREE SIGN}", "sigma", "pitch \N{DEGREE SIGN}", "sigma", "sights"):
+        sources.add_column(name, justify="left" if name == "source" else "right")
+    for one in assessment.check.tilts:
+        sources.add_row(*source_row(one))
+    return [table, sources, Text(agreement(assessment.check))] if table.row_count else []

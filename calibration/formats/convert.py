@@ -9,12 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.formats import basalt, kalibr, ocam, opencv, ros
+from calibration.formats import adapter, basalt, kalibr, ocam, opencv, ros
 from calibration.formats.camera_file import FiledCamera, alone, as_cameras, side_by_side
 from calibration.formats.fields import FormatError, read_json, read_yaml
 from calibration.formats.own import camera_text, read_own
 from calibration.lenses.conversion import ConversionError, Difference, convert_lens, difference
 from calibration.lenses.models import MODELS, lens_model, model_of
+from calibration.required_file import require_file
 from palletloc.cameras import CameraModel, DualFisheye, Equirectangular, KannalaBrandt
 from palletloc.errors import PalletLocError, nearest_name
 from palletloc.io.atomic import write_text
@@ -93,14 +94,14 @@ def read_cameras(path: Path) -> list[FiledCamera]:
     Parameters
     ----------
     path : Path
-        Ours, or of Kalibr, basalt, ROS, OpenCV or OCamCalib.
+        Ours, or of Kalibr, basalt, ROS, OpenCV, OCamCalib or fisheye-calib-adapter.
 
     Raises
     ------
     InputError
         If it is none of them, or does not hold what its form says; names file and key.
     """
-    text = read_text(path)
+    text = read_text(require_file(path, "a camera file of any known format"))
     if path.suffix.lower() == ".txt":
         return ocam.read_ocam(path)
     if text.lstrip().startswith(("<?xml", "%YAML")):
@@ -110,13 +111,15 @@ def read_cameras(path: Path) -> list[FiledCamera]:
         return basalt.read_basalt(fields)
     if fields.has("cam0"):
         return kalibr.read_kalibr(fields)
+    if fields.has("image") and fields.has("parameter"):
+        return adapter.read_adapter(fields)
     if fields.has("camera"):
         return as_cameras(read_own(path), "camera")
     if fields.has("camera_matrix") and fields.at("camera_matrix").value is not None:
         return opencv.read_opencv(path) if path.suffix.lower() == ".json" else ros.read_camera_info(fields)
     raise FormatError(
-        f"{path}: is no camera file; expected the keys camera (palletloc), cam0 (Kalibr), value0 (basalt) or"
-        " camera_matrix (ROS, OpenCV), or a .txt of OCamCalib"
+        f"{path}: is no camera file; expected the keys camera (palletloc), cam0 (Kalibr), value0 (basalt),"
+        " camera_matrix (ROS, OpenCV) or parameter (fisheye-calib-adapter), or a .txt of OCamCalib"
     )
 
 

@@ -69,6 +69,7 @@ def report_data(report: LensReport) -> dict[str, Any]:
         {"name": name, "value": float(value), "sigma": float(sigma)}
         for name, value, sigma in zip(names, values, fit.sigma, strict=False)
     ]
+    data["parameters_alone"] = parameters_stand_alone(fit)
     data["covariance_order"], data["covariance"] = list(names), fit.covariance.tolist()
     data["views"] = [_view_data(fit, i) for i in range(len(fit.bundle.views))]
     if report.camera is not None:
@@ -103,6 +104,11 @@ def _view_data(fit: LensFit, i: int) -> dict[str, Any]:
         "residual_px": residual.round(4).tolist(),
         "used": used.tolist(),
     }
+
+
+def parameters_stand_alone(fit: LensFit) -> bool:
+    """Tell whether the parameters mean something one by one: not where xi and the focal length replace each other."""
+    return all(model.name != "mei" for model in fit.bundle.models)
 
 
 def report_page(report: LensReport) -> str:
@@ -162,6 +168,12 @@ def _parameters(fit: LensFit, camera: FittedCamera | None) -> Iterator[str]:
         for name, value, sigma in zip(fit.bundle.names(), values, fit.sigma, strict=False)
     ]
     yield table((Column("", is_text=True), Column("value"), Column("sigma")), rows)
+    if not parameters_stand_alone(fit):
+        yield paragraph(
+            "The focal length and xi of this model make up for each other along a curve. Do not believe one of these"
+            " numbers, or its standard deviation, alone, nor compare it with another calibration's: bearings are what"
+            " the fit knows, and their standard deviations below hold."
+        )
     if camera is not None and len(camera.lenses) > 1:
         for lens, pose in enumerate(camera.camera_from_lens):
             (x, y, z), angles = angles_from_transform(pose)

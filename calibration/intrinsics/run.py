@@ -22,9 +22,9 @@ from calibration.intrinsics.task import IntrinsicsTask, read_intrinsics
 from calibration.intrinsics.view_checks import view_findings
 from calibration.lenses.fit import LensFit, NoStartError, fit_lenses
 from calibration.lenses.linking import UnlinkedError
-from calibration.lenses.models import LensModel, lens_model
+from calibration.lenses.models import MODELS, LensModel, lens_model
 from calibration.outcome import Outcome, free_stem
-from palletloc.errors import PalletLocError
+from palletloc.errors import PalletLocError, nearest_name
 from palletloc.io.atomic import write_text
 
 _MEASURED_AGAIN = 3  # corners lean on the lens that they are measured through, ever less
@@ -59,6 +59,8 @@ def calibrate_intrinsics(
     """
     if model == MODEL:
         return calibrate_stitched(folder, out, on_progress)
+    if model not in MODELS:
+        raise PalletLocError(f"--model {model}: unknown lens model{nearest_name(model, [*MODELS, MODEL])}")
     lens = lens_model(model)
     task = read_intrinsics(folder)
     if task.lenses == 2 and lens.name != "kannala_brandt":

@@ -11,6 +11,7 @@ from pydantic import Field
 
 from calibration.extrinsics_file import CharucoSpec, Positive
 from calibration.lenses.fit import Aperture
+from calibration.required_file import require_file
 from calibration.targets import CharucoBoard, TargetError, patterns
 from palletloc.cameras import CameraModel, DualFisheye
 from palletloc.geometry import FloatArray
@@ -133,7 +134,7 @@ def read_intrinsics(folder: Path) -> IntrinsicsTask:
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; expected one with {INTRINSICS} in it")
-    path = folder / INTRINSICS
+    path = require_file(folder / INTRINSICS, "the size of the shots, their boards or a file of corners")
     spec = read_document(path, IntrinsicsSpec)
     if (spec.corners is None) == (not spec.shots):
         raise DocumentError(f"{path}: expected either the keys shots and boards, or the key corners")

@@ -19,6 +19,7 @@ LEAST_SHOTS = 5
 """With fewer shots that show a target nothing is fitted."""
 _CHANCE, _SIGMAS, _SLIP = 0.001, 4.0, 6.0
 _DELAY, _SCALE = 0.01, 0.005
+_ARC = 2
 _KINDS = {4: "a straight drive", 2: "a drive on one arc, or a turn on the spot", 1: "a drive on the floor"}
 
 
@@ -79,9 +80,14 @@ def _lost(fit: MotionFit) -> list[Finding]:
     words = "; ".join(in_words(lost[:, i]) for i in range(lost.shape[1]))
     kind = _KINDS.get(fit.kernel.shape[1], "this drive")
     what = f"{kind} does not tell {lost.shape[1]} of 6 directions: {words}"
+    by_wheels = lost.shape[1] > fit.kernel.shape[1] == _ARC
+    if by_wheels:
+        what += "; the distance to the arc's centre is lost with the wheels' scale, which nothing here tells"
     how = "use surveyed targets for these"
     if lost.shape[1] > 1:
         how = "drive bends to both sides, 30 degrees and more each, with the target in sight; or use surveyed targets"
+        if by_wheels:
+            how += "; odometry_sigma.wheel_scale in targets.yaml bounds the wheels' scale by their data sheet"
     elif fit.kernel.shape[1] == 1:
         how = "state height_m of a target in targets.yaml, or measure the camera's height"
     return [Finding(Severity.DEGENERATE, "motion_lost", what, how)]

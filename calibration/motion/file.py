@@ -11,7 +11,8 @@ from pydantic import Field
 
 from calibration.drive import DriveNoise
 from calibration.extrinsics_file import CharucoSpec, Positive, TagSpec, refuse_shared_ids, target_from_spec
-from calibration.motion.network import Height
+from calibration.motion.network import SCALE_PRIOR, Height
+from calibration.required_file import require_file
 from calibration.targets import Target
 from palletloc.io.schema import Number
 from palletloc.io.yaml_document import Document, DocumentError, read_document
@@ -32,10 +33,12 @@ class MotionTargetSpec(Document):
 
 
 class OdometrySpec(Document):
-    """Random errors of the odometry after one second; they grow with the root of the time."""
+    """Random errors of the odometry after one second, which grow with the root of the time, and of its wheels."""
 
-    position_m: Positive
-    heading_deg: Positive
+    position_m: Positive | None = None
+    heading_deg: Positive | None = None
+    wheel_scale: Positive | None = None
+    """Relative, of all distances, as the vehicle's data sheet or a measured way says."""
 
 
 class MotionTargetsSpec(Document):
@@ -56,6 +59,8 @@ class MotionTargets:
     """Of those whose height is known."""
     noise: DriveNoise
     """How far the odometry may be off."""
+    scale_sigma: float
+    """How far its distances may be off, one standard deviation; relative."""
 
 
 def read_motion_targets(folder: Path) -> MotionTargets:
@@ -66,7 +71,7 @@ def read_motion_targets(folder: Path) -> MotionTargets:
     PalletLocError
         If it is missing or wrong; names file, key and what was expected.
     """
-    path = folder / TARGETS
+    path = require_file(folder / TARGETS, "the boards and tags that the recording drives past")
     spec = read_document(path, MotionTargetsSpec)
     targets = {name: target_from_spec(path, name, one.charuco, one.tag) for name, one in spec.targets.items()}
     refuse_shared_ids(path, targets)
@@ -78,7 +83,7 @@ def read_motion_targets(folder: Path) -> MotionTargets:
         for name, one in spec.targets.items()
         if one.height_m is not None
     }
-    noise, given = DriveNoise(), spec.odometry_sigma
-    if given is not None:
-        noise = DriveNoise(position=given.position_m, heading=float(np.radians(given.heading_deg)))
-    return MotionTargets(targets, heights, noise)
+    given, usual = spec.odometry_sigma or OdometrySpec(), DriveNoise()
+    heading = usual.heading if given.heading_deg is None else float(np.radians(given.heading_deg))
+    noise = DriveNoise(position=given.position_m or usual.position, heading=heading)
+    return MotionTargets(targets, heights, noise, given.wheel_scale or SCALE_PRIOR)

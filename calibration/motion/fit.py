@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 from calibration.bearing_dlt import cross_matrices
 from calibration.degeneracy import LIMITS
-from calibration.motion.network import CAMERA_PRIOR, DELAY_PRIOR, SCALE_PRIOR, MotionNetwork, MotionState
+from calibration.motion.network import CAMERA_PRIOR, DELAY_PRIOR, MotionNetwork, MotionState
 from calibration.network import CAMERA
 from palletloc.geometry import FloatArray
 
@@ -130,7 +130,7 @@ def _in_forklift(pose: FloatArray, point: FloatArray) -> FloatArray:
 def _descend(network: MotionNetwork, start: MotionState, loss: Literal["linear", "soft_l1"]) -> MotionState:
     shots, targets = len(network.times), network.targets
     board = [0.01, 0.01, 0.01, 0.005, 0.005, 0.005]
-    faults = [SCALE_PRIOR / 5, network.noise.bias, DELAY_PRIOR / 5]
+    faults = [network.scale_sigma / 5, network.noise.bias, DELAY_PRIOR / 5]
     scale = np.concatenate(
         [CAMERA_PRIOR / 10, faults, np.tile([0.01, 0.01, 0.005], shots - 1), np.tile(board, targets)]
     )

@@ -100,6 +100,8 @@ class MotionNetwork:
     """Factor on those of the odometry's increments."""
     lag: float = 0.0
     """A delay near which the true one is, in seconds."""
+    scale_sigma: float = SCALE_PRIOR
+    """How far the wheels' scale may be off from one, one standard deviation."""
     held: FloatArray = field(default_factory=lambda: np.zeros((CAMERA, 0)))
     """(6, j) directions of the mounting, in units of `LIMITS`, that stay about as stated."""
     rows: CornerRows = field(init=False)
@@ -164,7 +166,7 @@ class MotionNetwork:
 
     def _priors(self, state: MotionState) -> FloatArray:
         faults = [
-            (state.scale - 1) / SCALE_PRIOR,
+            (state.scale - 1) / self.scale_sigma,
             state.bias / self.noise.bias,
             (state.delay - self.lag) / DELAY_PRIOR,
         ]

@@ -10,7 +10,10 @@ import numpy as np
 from calibration.degeneracy import LIMITS, NAMES, in_words
 from calibration.finding_table import finding_data, finding_parts
 from calibration.motion.assessment import MotionAssessment
-from palletloc.report.page import Column, heading, page, paragraph, table
+from calibration.motion.figure import motion_figure
+from calibration.motion.fit import MotionFit
+from palletloc.drawing.canvas import small_png
+from palletloc.report.page import Column, embedded, heading, page, paragraph, picture, table
 
 _VERDICT = {
     0: "The drive confirms the mounting.",
@@ -47,6 +50,20 @@ def fault_rows(assessment: MotionAssessment) -> list[list[str]]:
         ["yaw rate's bias deg/s", f"{np.degrees(state.bias):+.3f}", f"{np.degrees(bias):.3f}"],
         ["time offset ms", f"{1000 * state.delay:+.0f}", f"{1000 * delay:.0f}"],
     ]
+
+
+def direction_rows(fit: MotionFit) -> list[list[str]]:
+    """Return what the drive tells and what it loses, as texts: the sense, the direction in words, its sigma."""
+    rows = []
+    covariance = fit.covariance / np.outer(LIMITS, LIMITS)
+    for name, part in zip(("told", "lost"), fit.split(), strict=True):
+        for i in range(part.shape[1]):
+            moved = part[:, i] * LIMITS
+            sigma = float(np.sqrt(part[:, i] @ covariance @ part[:, i]))
+            place, turn = 1000 * sigma * np.linalg.norm(moved[:3]), np.degrees(sigma * np.linalg.norm(moved[3:]))
+            text = f"{place:.1f} mm with {turn:.2f}\N{DEGREE SIGN}" if name == "told" else "not told"
+            rows.append([name, in_words(part[:, i]), text])
+    return rows
 
 
 def motion_data(assessment: MotionAssessment) -> dict[str, Any]:
@@ -90,5 +107,10 @@ def _parts(assessment: MotionAssessment) -> Iterator[str]:
     yield heading("Mounting")
     first = Column("", is_text=True)
     yield table((first, Column("found minus stated"), Column("sigma")), motion_rows(assessment))
+    yield heading("Directions")
+    yield table((first, Column("direction", is_text=True), Column("sigma")), direction_rows(assessment.fit))
+    yield picture(
+        embedded(small_png(motion_figure(assessment.fit))), "The way, and what is left after the fit.", keep_wide=True
+    )
     yield heading("Odometry")
     yield table((first, Column("value"), Column("sigma")), fault_rows(assessment))

@@ -105,6 +105,7 @@ def _assess(
         len(names),
         recording.forklift_from_camera,
         {names.index(name): height for name, height in targets.heights.items() if name in names},
+        scale_sigma=targets.scale_sigma,
     )
     return assess_motion(network, recording.mounting.sigma)
 

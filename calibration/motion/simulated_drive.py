@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from calibration.drive import DriveNoise, compose, relative
-from calibration.motion.network import Height, MotionNetwork
+from calibration.motion.network import SCALE_PRIOR, Height, MotionNetwork
 from calibration.network import Sight
 from calibration.targets import Pattern
 from calibration.texture_alignment import on_board
@@ -34,6 +34,8 @@ class DriveErrors:
     """What its clock shows more than the camera's, in seconds."""
     bearing: float = 5e-5
     """Standard deviation of each bearing across itself, in radians."""
+    slips: tuple[tuple[float, float], ...] = ()
+    """When wheels spin, in seconds, and how much farther the odometry then comes, in metres."""
     drawn: bool = True
     """Whether random errors are drawn."""
 
@@ -68,6 +70,7 @@ def simulate_drive(
     shots: int = 30,
     heights: Mapping[int, Height] | None = None,
     seed: int = 0,
+    scale_sigma: float = SCALE_PRIOR,
 ) -> MotionNetwork:
     """Return what a camera and the odometry of a forklift would say.
 
@@ -89,6 +92,8 @@ def simulate_drive(
         Of targets whose height is known.
     seed : int
         The same errors for the same seed.
+    scale_sigma : float
+        How far the wheels' scale may be off, relative.
     """
     rng = np.random.default_rng([seed, 5])
     times = np.linspace(truth.times[0] + 0.7, truth.times[-1] - 0.7, shots)
@@ -106,7 +111,15 @@ def simulate_drive(
             shot_of.append(index)
     odometry = _measured(truth, errors, rng)
     return MotionNetwork(
-        times, odometry, errors.noise, tuple(sights), tuple(shot_of), len(boards), stated, dict(heights or {})
+        times,
+        odometry,
+        errors.noise,
+        tuple(sights),
+        tuple(shot_of),
+        len(boards),
+        stated,
+        dict(heights or {}),
+        scale_sigma=scale_sigma,
     )
 
 
@@ -117,6 +130,8 @@ def _measured(truth: Trajectory, errors: DriveErrors, rng: np.random.Generator) 
     sigma: FloatArray = np.array([errors.noise.position, errors.noise.position, errors.noise.heading])
     steps = steps / [errors.scale, errors.scale, 1.0] + [0.0, 0.0, errors.bias] * duration
     steps += errors.drawn * rng.normal(size=steps.shape) * sigma * np.sqrt(duration)
+    for time, length in errors.slips:
+        steps[np.searchsorted(truth.times, time) - 1, 0] += length
     pose, measured = poses[0], [poses[0]]
     for step in steps:
         pose = compose(pose, step)

@@ -21,6 +21,7 @@ from calibration.extrinsics_file import (
 )
 from calibration.network import Survey
 from calibration.plan.prediction import Layout, PlannedTarget
+from calibration.required_file import require_file
 from calibration.targets import Target, patterns
 from calibration.texture_alignment import on_board
 from palletloc.geometry import FloatArray
@@ -82,6 +83,7 @@ def read_plan(path: Path) -> PlanTask:
         If the file is missing or wrong; names file, key and what was expected.
     """
     path = path / EXTRINSICS if path.is_dir() else path
+    require_file(path, f"a layout in the form of {EXTRINSICS}, or a folder that has one")
     spec = read_document(path, PlanSpec)
     if spec.corner_px is not None and spec.corner_deg is not None:
         raise DocumentError(f"{path}: expected one of the keys corner_px and corner_deg")

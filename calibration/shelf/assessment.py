@@ -126,7 +126,7 @@ def _restrictions(survey: ShelfSurvey) -> Iterator[Finding]:
         )
     if survey.sweep is not None and survey.sweep.refusal is not None:
         what = _SWEEP[survey.sweep.refusal]
-        yield Finding(Severity.NOTE, survey.sweep.refusal, what, "nothing: the sweep does not enter the result")
+        yield Finding(Severity.NOTE, survey.sweep.refusal, what, "nothing: the sweep is left out of the result")
     if abs(survey.bundle.scale - 1) > _SCALE:
         yield Finding(
             Severity.WARNING,

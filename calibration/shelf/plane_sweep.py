@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.drive import compose, relative
-from calibration.shelf.plane import Foot
+from calibration.shelf.plane import Foot, PlaneEstimate
 from palletloc.geometry import FloatArray, Image, LevelPose
 from palletloc.io.recording import Recording
 from palletloc.plane import PALLET_FROM_VERTICAL, PlaneGrid, place_plane
@@ -21,7 +21,8 @@ SWEEP = "sweep"
 REACH = 0.15
 """How far before and behind the known plane is looked, in metres: the wall behind a shelf is farther."""
 SIGMA = 0.05
-"""How far the surface with most texture may be from the uprights' front, in metres; one standard deviation."""
+"""How far the surface with most texture may be from the wanted plane where nothing tells, in metres."""
+_LEAST_APART = 0.02
 _STEP = 0.01
 _RESOLUTION, _WINDOW = 0.005, 15
 _ASIDE, _HEIGHTS = 1.0, (0.1, 2.3)
@@ -128,6 +129,49 @@ def judged(distances: FloatArray, scores: FloatArray, windows: int) -> PlaneSwee
     inner = np.flatnonzero((smooth[1:-1] > smooth[:-2]) & (smooth[1:-1] >= smooth[2:])) + 1
     peaks = sorted((_peak(distances, smooth, int(i)) for i in inner), key=lambda one: -one.score)
     return PlaneSweep(distances, smooth, windows, tuple(peaks), _refusal(smooth, windows, peaks))
+
+
+def sweep_estimate(sweep: PlaneSweep, turn: float, estimates: Sequence[PlaneEstimate]) -> PlaneEstimate | None:
+    """Return what a sweep says of the plane's distance; its heading was given.
+
+    The peak may belong to uprights, beams or pallets. How far these stand apart here the other methods tell; that,
+    and the peak's width, make its standard deviation.
+
+    Parameters
+    ----------
+    sweep : PlaneSweep
+        With its peaks.
+    turn : float
+        The heading that it was made with, against the foot's, in radians.
+    estimates : sequence of PlaneEstimate
+        Of the other methods.
+
+    Returns
+    -------
+    PlaneEstimate or None
+        None where no peak is clear.
+    """
+    if sweep.distance is None:
+        return None
+    planes = [one.distance for one in estimates if np.isfinite(one.distance) and one.information[1, 1] > 0]
+    apart = max(float(np.ptp(planes)), _LEAST_APART) if len(planes) > 1 else SIGMA
+    sigma = float(np.hypot(apart, _width(sweep)))
+    evidence = f"{100 * sweep.peaks[0].score:.0f} % of {sweep.windows} windows alike"
+    return PlaneEstimate(SWEEP, turn, sweep.distance, np.diag([0.0, sigma**-2]), evidence)
+
+
+def _width(sweep: PlaneSweep) -> float:
+    """Return the width of the highest peak, over the scores' lower quartile, as a standard deviation, in metres."""
+    floor = float(np.percentile(sweep.scores, 25))
+    rise = np.maximum(sweep.scores - floor, 0.0)
+    top = int(rise.argmax())
+    half = rise >= rise[top] / 2
+    low, high = top, top
+    while low > 0 and half[low - 1]:
+        low -= 1
+    while high < len(half) - 1 and half[high + 1]:
+        high += 1
+    return float(sweep.distances[high] - sweep.distances[low] + sweep.distances[1] - sweep.distances[0]) / 2.355
 
 
 def _refusal(scores: FloatArray, windows: int, peaks: Sequence[Peak]) -> str | None:

@@ -11,7 +11,7 @@ from calibration.finding_table import finding_data, finding_parts
 from calibration.shelf.assessment import ShelfAssessment
 from calibration.shelf.figure import plan_figure
 from calibration.shelf.plane import Foot, PlaneEstimate
-from calibration.shelf.plane_sweep import SIGMA, PlaneSweep
+from calibration.shelf.plane_sweep import PlaneSweep
 from calibration.shelf.survey import Front
 from palletloc.drawing.canvas import small_png
 from palletloc.report.page import Column, embedded, heading, key_figures, page, paragraph, picture, table
@@ -57,7 +57,6 @@ def shelf_data(assessment: ShelfAssessment) -> dict[str, Any]:
 def _sweep_data(sweep: PlaneSweep) -> dict[str, Any]:
     return {
         "distance_m": sweep.distance,
-        "distance_sigma_m": None if sweep.distance is None else SIGMA,
         "code": sweep.refusal,
         "windows": sweep.windows,
         "peaks": [{"distance_m": one.distance, "score": one.score} for one in sweep.peaks],
@@ -126,7 +125,7 @@ def _sweep_parts(sweep: PlaneSweep, distance: float) -> Iterator[str]:
     yield paragraph(
         f"The plane was moved by 15 cm to either side. At each peak of the {len(sweep.distances)} distances the most"
         f" of {sweep.windows} small windows look alike from several places: there are uprights, beams or pallets."
-        " Which of them it is cannot be told, so this does not change the result."
+        " Which of them it is cannot be told, so a clear peak counts with what they stand apart."
     )
     columns = (Column("distance m"), Column("behind the result, mm"), Column("windows alike, %"))
     rows = [(one.distance, 1000 * (one.distance - distance), 100 * one.score) for one in sweep.peaks]

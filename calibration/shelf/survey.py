@@ -19,7 +19,7 @@ from calibration.shelf.level_view import LevelView, level_view
 from calibration.shelf.line_segments import find_segments
 from calibration.shelf.pallets import PalletSight, see_again, see_pallets
 from calibration.shelf.plane import Foot, FusedPlane, PlaneEstimate, fuse
-from calibration.shelf.plane_sweep import REACH, PlaneSweep, sweep_plane
+from calibration.shelf.plane_sweep import REACH, PlaneSweep, sweep_estimate, sweep_plane
 from calibration.shelf.shots import Skipped, motion_refusal, usable_shots
 from calibration.shelf.upright_edges import Edges, find_edges
 from calibration.shelf.upright_tags import TAGS, TagsOnUprights, tag_places, tag_plane
@@ -161,6 +161,10 @@ def survey_shelf(
     if fused is not None and fused.covariance[1, 1] < (REACH / 2) ** 2:
         on_progress("moving the plane through its neighbourhood")
         sweep = sweep_plane(recording, shots, bundle.poses, foot, fused.turn, fused.distance)
+        refined = sweep_estimate(sweep, fused.turn, estimates)
+        if refined is not None:
+            estimates.append(refined)
+            fused = fuse(estimates, _common(recording, estimates))
     members = np.zeros(len(edges.vote)) if line is None else line.members.astype(np.float64)
     return ShelfSurvey(
         recording,

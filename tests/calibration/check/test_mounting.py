@@ -1,5 +1,6 @@
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,9 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from calibration.check.assessment import assess_check
-from calibration.check.mounting import LEVELS, VERTICALS, MountingCheck, NamedTilt
+from calibration.check.mounting import MountingCheck, NamedYaw
+from calibration.check.report import check_data
+from calibration.check.sources import FLOOR, LEVELS, VERTICALS, Absent, Contradiction, NamedTilt
 from calibration.findings import DEGENERATE, FAIL, PASS
 from calibration.shelf.gravity_lines import Tilt
 from palletloc.__main__ import COMMANDS
@@ -29,15 +32,20 @@ def checked(
     pitch_sigma: float | None = None,
     chance: float = 1.0,
     yaw: tuple[float, float] | None = (0.0, 0.2),
+    yaws: tuple[float, ...] = (),
+    height: tuple[float, float] | None = None,
 ) -> MountingCheck:
     """Return what a check found; all angles in degrees."""
     covariance = np.diag(np.radians([sigma, sigma if pitch_sigma is None else pitch_sigma])) ** 2
     tilt = Tilt(-np.radians([roll, pitch]), np.linalg.inv(covariance), 100)
     tilts = (NamedTilt(VERTICALS, tilt), NamedTilt(LEVELS, tilt))
     turned = None if yaw is None else (float(np.radians(yaw[0])), float(np.radians(yaw[1])))
+    worst = Contradiction(VERTICALS, LEVELS, chance)
+    told = tuple(NamedYaw(f"kind {i}", float(np.radians(one)), 0.005) for i, one in enumerate(yaws))
     return MountingCheck(
-        read_recording(SAMPLE), (), tilts, np.radians([roll, pitch]), covariance, chance, turned, None
-    )
+        read_recording(SAMPLE), (), tilts, np.radians([roll, pitch]), covariance, chance, turned, None, (), worst,
+        told, height,
+    )  # fmt: skip
 
 
 def codes(check: MountingCheck) -> tuple[int, set[str]]:
@@ -56,6 +64,7 @@ def test_a_camera_in_its_place_passes() -> None:
         (checked(0.0, -0.25), "pitch_drift"),
         (checked(0.0, 0.0, chance=1e-4), "methods_disagree"),
         (checked(0.0, 0.0, yaw=(-1.5, 0.3)), "yaw_drift"),
+        (checked(0.0, 0.0, height=(0.03, 0.005)), "height_drift"),
     ],
 )
 def test_each_fault_fails_under_its_own_name(check: MountingCheck, code: str) -> None:
@@ -65,6 +74,19 @@ def test_each_fault_fails_under_its_own_name(check: MountingCheck, code: str) ->
 def test_a_turn_within_its_own_doubt_does_not_fail() -> None:
     assert codes(checked(0.2, 0.0, sigma=0.15))[0] == PASS
     assert codes(checked(0.0, 0.0, yaw=(0.8, 0.5)))[0] == PASS
+    assert codes(checked(0.0, 0.0, height=(0.02, 0.01)))[0] == PASS
+
+
+def test_landmarks_that_contradict_each_other_about_the_yaw_are_named() -> None:
+    assert codes(checked(0.0, 0.0, yaws=(0.0, 3.0))) == (PASS, {"yaws_disagree"})
+    assert codes(checked(0.0, 0.0, yaws=(0.0, 0.5))) == (PASS, set())
+
+
+def test_a_source_that_says_nothing_is_named() -> None:
+    check = replace(checked(0.0, 0.0), absent=(Absent(FLOOR, "no line is seen"),))
+    assert codes(check) == (PASS, {"source_absent"})
+    assert FLOOR in assess_check(check, TOLERANCE).findings[0].what
+    assert check_data(assess_check(check, TOLERANCE))["absent"][0]["method"] == FLOOR
 
 
 def test_an_axis_that_nothing_tells_is_named() -> None:
@@ -74,9 +96,9 @@ def test_an_axis_that_nothing_tells_is_named() -> None:
     assert "pitch" in assess_check(check, TOLERANCE).findings[0].what
 
 
-def test_no_upright_edges_are_degenerate() -> None:
+def test_a_recording_without_any_source_is_degenerate() -> None:
     nothing = MountingCheck(read_recording(SAMPLE), (), (), None, np.zeros((2, 2)), 1.0, None, None)
-    assert codes(nothing) == (DEGENERATE, {"no_verticals"})
+    assert codes(nothing) == (DEGENERATE, {"nothing_seen"})
 
 
 def test_the_mounting_that_fits_better_undoes_the_turn() -> None:
@@ -113,3 +135,9 @@ def test_a_turned_mounting_is_found_and_a_right_one_passes(
     for axis, expected in (("roll", -roll), ("pitch", -pitch)):
         off = abs(found["turned_deg"][axis] - expected)
         assert off < min(0.08, 2.5 * found["sigma_deg"][axis])
+    sources = {one["method"]: one for one in found["methods"]}
+    for one in sources.values():
+        for axis, sigma, expected in zip(("roll", "pitch"), one["sigma_deg"], (-roll, -pitch), strict=True):
+            assert sigma is None or abs(one[f"{axis}_deg"] - expected) < 3 * sigma
+    assert sources["pallets"]["sigma_deg"][1] < 0.1
+    assert abs(found["height_mm"]) < 3 * found["height_sigma_mm"]

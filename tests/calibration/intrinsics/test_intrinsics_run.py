@@ -193,7 +193,13 @@ def test_a_model_that_does_not_fit_is_told(tmp_path: Path, capsys: pytest.Captur
     assert "model_misfit" in capsys.readouterr().err
     assert calibrate(folder, tmp_path / "mei.yaml", "mei") == 0
     assert "model_misfit" not in capsys.readouterr().err
-    assert json.loads((tmp_path / "mei.json").read_text())["plain_rms_px"] == pytest.approx(0.8143, rel=0.02)
+    told = json.loads((tmp_path / "mei.json").read_text())
+    assert told["plain_rms_px"] == pytest.approx(0.8143, rel=0.02)
+    assert told["parameters_alone"] is False
+    assert "alone" in (tmp_path / "mei.html").read_text()
+    told = json.loads(next(tmp_path.glob("kb*.json")).read_text())
+    assert told["plain_rms_px"] == pytest.approx(1.94, rel=0.02)
+    assert told["parameters_alone"] is True
 
 
 def change(key: str, value: object) -> Callable[[dict[str, Any]], None]:
@@ -276,7 +282,7 @@ def test_a_bad_cell_of_corners_is_named(
 def test_wrong_requests_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = corner_folder(tmp_path / "in", corner_lines(3))
     assert calibrate(folder, tmp_path / "camera.yaml", "fisheye") == 1
-    assert "unknown lens model 'fisheye'" in capsys.readouterr().err
+    assert "--model fisheye: unknown lens model; known are" in capsys.readouterr().err
     assert calibrate(folder, tmp_path / "camera.txt") == 1
     assert "expected the name of a .yaml file" in capsys.readouterr().err
     assert run(["calibrate", "intrinsics"], COMMANDS) == 2

@@ -14,8 +14,10 @@ from scipy.stats import chi2
 from calibration.degeneracy import LIMITS
 from calibration.extrinsics import turn_to
 from calibration.motion.assessment import MotionAssessment, assess_motion
+from calibration.motion.figure import shot_rms
 from calibration.motion.fit import lost_by_motion
-from calibration.motion.network import Height, MotionState
+from calibration.motion.network import SCALE_PRIOR, Height, MotionState
+from calibration.motion.report import direction_rows, motion_page
 from calibration.motion.simulated_drive import DriveErrors, drive_of, simulate_drive
 from calibration.simulated_yard import facing
 from calibration.targets import CharucoBoard, Pattern, patterns
@@ -43,12 +45,20 @@ def boards_beside(way: Trajectory) -> list[tuple[Pattern, RigidTransform]]:
 
 
 def assessed(
-    camera: RigidTransform, way: Way, errors: DriveErrors, seed: int = 0, *, height: bool = False
+    camera: RigidTransform,
+    way: Way,
+    errors: DriveErrors,
+    seed: int = 0,
+    *,
+    height: bool = False,
+    scale_sigma: float = SCALE_PRIOR,
 ) -> MotionAssessment:
     truth = drive_of(way)
     boards = boards_beside(truth)
     heights = {0: Height(float(boards[0][1].translation[2]), 0.003)} if height else None
-    network = simulate_drive(truth, camera, boards, STATED, errors, shots=20, heights=heights, seed=seed)
+    network = simulate_drive(
+        truth, camera, boards, STATED, errors, shots=20, heights=heights, seed=seed, scale_sigma=scale_sigma
+    )
     return assess_motion(network, STATED_SIGMA)
 
 
@@ -134,6 +144,45 @@ def test_a_mounting_that_is_stated_wrongly_is_told(forklift_from_camera: RigidTr
     right = simulate_drive(truth, forklift_from_camera, boards_beside(truth), forklift_from_camera, shots=20)
     told = assess_motion(right, np.array([0.001] * 3 + [0.001] * 3))
     assert "mounting_differs" not in {one.code for one in told.findings}
+
+
+def test_wheels_of_a_known_scale_tell_the_distance_to_an_arcs_centre(forklift_from_camera: RigidTransform) -> None:
+    free = assessed(forklift_from_camera, ARC, DriveErrors(scale=1.002))
+    known = assessed(forklift_from_camera, ARC, DriveErrors(scale=1.002), scale_sigma=0.003)
+    told = [next(one for one in each.findings if one.code == "motion_lost") for each in (free, known)]
+    assert "wheels' scale" in told[0].what
+    assert "wheel_scale" in told[0].how
+    assert "does not tell 2 of 6" in told[1].what
+    assert "wheels' scale" not in told[1].what
+    assert known.fit is not None
+    directions, _ = known.fit.split()
+    off = directions.T @ (error(known, forklift_from_camera) / LIMITS)
+    covariance = directions.T @ (known.fit.covariance / np.outer(LIMITS, LIMITS)) @ directions
+    assert float(off @ np.linalg.solve(covariance, off)) < chi2.ppf(0.999, len(off))
+
+
+@pytest.mark.parametrize(("way", "length"), [(BENDS, 0.05), (BENDS, 0.4), (ARC, 0.15)])
+def test_a_slip_of_the_wheels_is_named_or_does_no_harm(
+    forklift_from_camera: RigidTransform, way: Way, length: float
+) -> None:
+    told = assessed(forklift_from_camera, way, DriveErrors(slips=((4.3, length),)))
+    assert told.fit is not None
+    known, _ = told.fit.split()
+    off = known.T @ (error(told, forklift_from_camera) / LIMITS)
+    covariance = known.T @ (told.fit.covariance / np.outer(LIMITS, LIMITS)) @ known
+    assert float(off @ np.linalg.solve(covariance, off)) < chi2.ppf(0.999, len(off))
+    if length > 0.1:
+        assert {"slip", "odometry_sigma"} & {one.code for one in told.findings}
+
+
+def test_the_report_draws_the_way_and_names_what_is_told(forklift_from_camera: RigidTransform) -> None:
+    told = assessed(forklift_from_camera, BENDS, DriveErrors())
+    assert told.fit is not None
+    rows = direction_rows(told.fit)
+    assert sum(row[0] == "lost" for row in rows) == told.fit.split()[1].shape[1] == 1
+    assert len(rows) == 6
+    assert np.nanmax(shot_rms(told.fit)) < 3
+    assert motion_page(told).count("<img") == 1
 
 
 def test_few_shots_are_refused(forklift_from_camera: RigidTransform) -> None:

@@ -10,7 +10,7 @@ from calibration.shelf.assessment import assess_shelf
 from calibration.shelf.bundle import Bundle, Observed
 from calibration.shelf.front_line import PALLETS, UPRIGHTS
 from calibration.shelf.plane import Foot, PlaneEstimate, fuse
-from calibration.shelf.plane_sweep import SIGMA, Peak, PlaneSweep
+from calibration.shelf.plane_sweep import Peak, PlaneSweep
 from calibration.shelf.report import shelf_data, shelf_page
 from calibration.shelf.shots import Skipped, motion_refusal
 from calibration.shelf.survey import Front, ShelfSurvey
@@ -123,7 +123,7 @@ def test_the_report_holds_every_method_and_no_other_file() -> None:
 
 
 @pytest.mark.parametrize("refusal", [None, "sweep_flat", "sweep_at_edge", "sweep_ambiguous"])
-def test_a_sweep_is_told_but_changes_neither_plane_nor_verdict(refusal: str | None) -> None:
+def test_the_peaks_of_a_sweep_are_told(refusal: str | None) -> None:
     before = survey(said(UPRIGHTS, 0.3, 1.91))
     peaks = (Peak(2.01, 0.2), Peak(1.87, 0.17))
     after = replace(before, sweep=PlaneSweep(np.array([1.9, 2.0]), np.array([0.1, 0.2]), 900, peaks, refusal))
@@ -131,9 +131,7 @@ def test_a_sweep_is_told_but_changes_neither_plane_nor_verdict(refusal: str | No
     data, page = shelf_data(assess_shelf(after)), shelf_page(assess_shelf(after))
     assert data["shelf"] == shelf_data(assess_shelf(before))["shelf"]
     told = data["sweep"]
-    assert [told["code"], told["distance_m"], told["distance_sigma_m"]] == (
-        [None, 2.01, SIGMA] if refusal is None else [refusal, None, None]
-    )
+    assert [told["code"], told["distance_m"]] == ([None, 2.01] if refusal is None else [refusal, None])
     assert [one["distance_m"] for one in told["peaks"]] == [2.01, 1.87]
     assert "+100" in page
     assert "-40" in page

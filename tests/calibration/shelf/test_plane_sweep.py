@@ -9,8 +9,8 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from calibration.drive import compose
-from calibration.shelf.plane import Foot
-from calibration.shelf.plane_sweep import REACH, PlaneSweep, judged, sweep_plane
+from calibration.shelf.plane import Foot, PlaneEstimate, fuse
+from calibration.shelf.plane_sweep import REACH, SIGMA, SWEEP, PlaneSweep, judged, sweep_estimate, sweep_plane
 from palletloc.cameras import Equirectangular
 from palletloc.geometry import FloatArray
 from palletloc.io.recording import Recording, Shot
@@ -142,3 +142,54 @@ def test_a_lone_peak_lies_at_the_top_of_its_parabola() -> None:
 )
 def test_only_a_clear_peak_is_taken(tops: list[tuple[float, float]], windows: int, refusal: str | None) -> None:
     assert judged(*bell(*tops), windows).refusal == refusal
+
+
+def peaked(at: float, width: float) -> PlaneSweep:
+    """Return a sweep with one peak."""
+    distances: FloatArray = 1.8 + 0.01 * np.arange(-15, 16, dtype=np.float64)
+    return judged(distances, 0.02 + 0.3 * np.exp(-0.5 * ((distances - at) / width) ** 2), 900)
+
+
+def said(method: str, distance: float, sigma: float) -> PlaneEstimate:
+    return PlaneEstimate(method, 0.0, distance, np.diag([1e6, sigma**-2]), "")
+
+
+def test_a_clear_peak_is_as_sure_as_the_planes_stand_together_and_it_is_narrow() -> None:
+    apart = [said("uprights", 1.8, 0.01), said("beams", 1.86, 0.01)]
+    close = [said("uprights", 1.8, 0.01), said("pallets", 1.83, 0.01)]
+    found = {
+        name: sweep_estimate(peaked(1.82, width), 0.0, others)
+        for name, width, others in (
+            ("apart", 0.015, apart),
+            ("close", 0.015, close),
+            ("wide", 0.04, close),
+            ("alone", 0.015, apart[:1]),
+        )
+    }
+    sigma = {name: one.sigma[1] for name, one in found.items() if one is not None}
+    assert 0.06 < sigma["apart"] < 0.075
+    assert 0.03 < sigma["close"] < 0.045
+    assert sigma["wide"] > 1.2 * sigma["close"]
+    assert sigma["alone"] > SIGMA
+
+
+def test_a_sweep_says_nothing_of_the_heading_and_nothing_without_a_clear_peak() -> None:
+    others = [said("uprights", 1.8, 0.01)]
+    found = sweep_estimate(peaked(1.82, 0.015), 0.01, others)
+    assert found is not None
+    assert np.isinf(found.sigma[0])
+    fused = fuse([*others, found])
+    assert fused is not None
+    assert fused.turn == pytest.approx(0.0, abs=1e-9)
+    assert 1.8 < fused.distance < 1.802
+    assert sweep_estimate(peaked(1.95, 0.015), 0.0, others) is None
+
+
+def test_a_sweep_that_contradicts_the_others_is_named() -> None:
+    others = [said("uprights", 1.8, 0.003), said("pallets", 1.81, 0.003)]
+    found = sweep_estimate(peaked(1.91, 0.012), 0.0, others)
+    assert found is not None
+    fused = fuse([*others, found])
+    assert fused is not None
+    assert fused.disagreement is not None
+    assert SWEEP in (fused.disagreement.first, fused.disagreement.second)

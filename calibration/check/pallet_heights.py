@@ -1,0 +1,196 @@
+"""What the heights at which pallets appear over the way say of the camera's turn and height.
+
+A camera that is nose-down sees what is before it too high and what is behind it too low. A pallet does not move while
+the forklift passes it, so that it is a witness even where its own height is not known.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.drive import relative
+from calibration.shelf.gravity_lines import Tilt
+from calibration.shelf.survey import ShelfSurvey
+from palletloc.config import LocalizerConfig
+from palletloc.geometry import FloatArray, LevelPose
+from palletloc.localizer import Localizer, Start
+
+_MOST_SHOTS = 12
+_LEAST_SIGHTS = 6
+_ON_LEVEL = 0.08
+_LEVEL, _FREE = 0.006, 0.3
+_HEIGHT = 0.02
+_RANGE = 0.006
+_ELEVATION = float(np.radians(0.04))
+_HUBER = 1.5
+_ROUNDS = 15
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeightSights:
+    """Pallets as they are seen above and below the horizon; one row for each sight."""
+
+    pallet: FloatArray
+    """(n,) which pallet it is, from 0 on."""
+    azimuth: FloatArray
+    """(n,) from the camera, in the forklift frame, in radians."""
+    distance: FloatArray
+    """(n,) on the floor from the camera's foot, by all shots and the odometry, in metres."""
+    elevation: FloatArray
+    """(n,) of the middle of the front's lower edge, in radians."""
+    sigma: FloatArray
+    """(n,) standard deviation of the elevation, in radians."""
+    heights: FloatArray
+    """(m,) about how high each pallet stands, in metres."""
+    height_sigmas: FloatArray
+    """(m,) how well that is known, in metres."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeightWitness:
+    """What pallets say of roll, pitch and height together."""
+
+    tilt: Tilt
+    """The tilt of what is seen, whatever the camera's height."""
+    height: float
+    """How much higher the camera is than stated, in metres."""
+    covariance: FloatArray
+    """(3, 3) of the tilt about x and y and of the height."""
+    pallets: int
+    """How many pallets there are."""
+
+    def height_given(self, turn: FloatArray, covariance: FloatArray) -> tuple[float, float]:
+        """Return the height and its standard deviation once the tilt is known better, by other sources too.
+
+        Parameters
+        ----------
+        turn : (2,) array
+            Tilt of what is seen, in radians.
+        covariance : (2, 2) array
+            Of it.
+        """
+        slope = self.covariance[2, :2] @ np.linalg.inv(self.covariance[:2, :2])
+        height = self.height + float(slope @ (turn - self.tilt.turn))
+        left = self.covariance[2, 2] - slope @ (self.covariance[:2, :2] - covariance) @ slope
+        return height, float(np.sqrt(max(left, 0.0)))
+
+
+def see_heights(survey: ShelfSurvey) -> HeightSights | None:
+    """Measure the pallets of a survey once more, with nothing said of their heights.
+
+    Parameters
+    ----------
+    survey : ShelfSurvey
+        With poses and pallets.
+
+    Returns
+    -------
+    HeightSights or None
+        None where too few are seen.
+    """
+    recording, bundle = survey.recording, survey.bundle
+    if not len(bundle.pallets):
+        return None
+    seen = np.array([one.pose.z for one in survey.observed.pallets])
+    owner = survey.observed.pallet_of
+    heights = np.array([float(np.median(seen[owner == i])) for i in range(len(bundle.pallets))])
+    config = replace(LocalizerConfig(), prior=replace(LocalizerConfig().prior, free_sigma=_FREE))
+    localizer = Localizer(recording.camera, recording.mounting, recording.models, config=config)
+    shots = np.unique([one.shot for one in survey.observed.pallets])
+    rows: list[tuple[float, ...]] = []
+    for number in shots[np.unique(np.linspace(0, len(shots) - 1, _MOST_SHOTS).round().astype(int))]:
+        mine = [i for one, i in zip(survey.observed.pallets, owner, strict=True) if one.shot == number]
+        mine = list(dict.fromkeys(int(i) for i in mine))
+        there = relative(bundle.poses[number], bundle.pallets[mine])
+        starts = [
+            Start(survey.models[i].name, LevelPose(float(x), float(y), float(heights[i]), float(yaw)))
+            for i, (x, y, yaw) in zip(mine, there, strict=True)
+        ]
+        shot = recording.shots[survey.shots[int(number)]]
+        found = localizer.localize_from(recording.image(shot), shot.time, starts, (), shot.file)
+        for i, place, one in zip(mine, there, found, strict=True):
+            if one is not None and one.model == survey.models[i].name:
+                rows.append((i, *_sight(one.forklift_from_pallet, one.covariance, recording.mounting.center, place)))
+    if len(rows) < _LEAST_SIGHTS:
+        return None
+    levels = np.array(recording.shelf.levels or (np.inf,))
+    near = levels[np.abs(levels - heights[:, None]).argmin(axis=1)]
+    known = np.abs(near - heights) < _ON_LEVEL
+    sigmas = np.where(known, _LEVEL, _FREE)
+    pallet, azimuth, distance, elevation, sigma = np.array(rows).T
+    return HeightSights(pallet, azimuth, distance, elevation, sigma, np.where(known, near, heights), sigmas)
+
+
+def _sight(
+    pose: LevelPose, covariance: FloatArray, center: FloatArray, place: FloatArray
+) -> tuple[float, float, float, float]:
+    """Return azimuth, known distance, elevation and its standard deviation.
+
+    The elevation does not mind that the shot alone tells the distance badly.
+    """
+    x, y, z = np.array([pose.x, pose.y, pose.z]) - center
+    across = float(np.hypot(x, y))
+    slope = np.array([-z * x / across, -z * y / across, across]) / (across**2 + z**2)
+    sigma = float(np.sqrt(slope @ covariance[:3, :3] @ slope))
+    distance = float(np.hypot(*(place[:2] - center[:2])))
+    return float(np.arctan2(y, x)), distance, float(np.arctan2(z, across)), float(np.hypot(sigma, _ELEVATION))
+
+
+def height_witness(sights: HeightSights, camera_height: float) -> HeightWitness | None:
+    """Return the tilt and the height of the camera that explain at which elevations pallets are seen.
+
+    Parameters
+    ----------
+    sights : HeightSights
+        What was seen.
+    camera_height : float
+        As stated, in metres.
+
+    Returns
+    -------
+    HeightWitness or None
+        None where there are too few sights.
+
+    Notes
+    -----
+    Unknown beside them are the height of each pallet and what all its distances have wrong alike. With a tilt w of
+    what is seen, the elevation at azimuth phi grows by w_x sin(phi) - w_y cos(phi).
+    """
+    pallets = len(sights.heights)
+    if len(sights.elevation) < _LEAST_SIGHTS:
+        return None
+    index = sights.pallet.astype(np.intp)
+    deep = sights.heights[index] - camera_height
+    square = sights.distance**2 + deep**2
+    design = np.zeros((len(index), 3 + 2 * pallets))
+    design[:, 0], design[:, 1] = np.sin(sights.azimuth), -np.cos(sights.azimuth)
+    design[:, 2] = -sights.distance / square
+    rows = np.arange(len(index))
+    design[rows, 3 + index] = sights.distance / square
+    design[rows, 3 + pallets + index] = -deep / square
+    away = sights.elevation - np.arctan2(deep, sights.distance)
+    priors = np.concatenate([[0.0, 0.0, _HEIGHT**-2], sights.height_sigmas**-2, np.full(pallets, _RANGE**-2)])
+    solution, covariance = _fitted(design, away, sights.sigma, np.diag(priors))
+    information = np.linalg.inv(covariance[:2, :2])
+    tilt = Tilt(solution[:2], np.asarray(information), len(index))
+    return HeightWitness(tilt, float(solution[2]), covariance[:3, :3], len(np.unique(index)))
+
+
+def _fitted(
+    design: FloatArray, values: FloatArray, sigma: FloatArray, prior: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return a robust solution with its covariance; scatter beyond what was stated counts."""
+    weight = 1 / sigma
+    scatter = 1.0
+    solution: FloatArray = np.zeros(design.shape[1])
+    normal = prior
+    for _ in range(_ROUNDS):
+        normal = (design * weight[:, None] ** 2).T @ design / scatter**2 + prior + 1e-6 * np.eye(len(prior))
+        right = (design * weight[:, None] ** 2).T @ values / scatter**2
+        solution = np.asarray(np.linalg.solve(normal, right), np.float64)
+        off = (values - design @ solution) / sigma
+        scatter = max(1.4826 * float(np.median(np.abs(off))), 1.0)
+        weight = 1 / sigma / np.sqrt(np.maximum(np.abs(off) / (_HUBER * scatter), 1.0))
+    return solution, np.asarray(np.linalg.inv(normal))

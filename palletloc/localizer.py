@@ -34,6 +34,8 @@ METHODS: dict[Method, Measure] = {
     Method.JOINT_SEARCH: measure_jointly,
 }
 
+UNVERIFIED = (Method.PAPER, Method.JOINT_SEARCH)
+"""Methods without checks of the final pose: what they measure has to promise a pallet from the start."""
 ABOVE = 0.3
 """How far above the highest level the light on the shelf is looked at, in metres."""
 
@@ -172,7 +174,8 @@ class Localizer:
         )
         candidates = [self._detected(detection) for detection in detections]
         for i, (candidate, detection) in enumerate(zip(candidates, detections, strict=True)):
-            self._measure(shot, candidate, detection.hope, candidates[:i])
+            promise = detection.promise if self.method in UNVERIFIED else detection.hope
+            self._measure(shot, candidate, promise, candidates[:i])
             self._challenge(shot, candidate)
         exclude_overlaps(candidates)
         for candidate in candidates:
@@ -277,7 +280,7 @@ class Localizer:
 
     def _challenge(self, shot: ShotView, candidate: Candidate) -> None:
         """Try every other model in the place of a pallet whose height only its size tells."""
-        if self.method in (Method.PAPER, Method.JOINT_SEARCH):
+        if self.method in UNVERIFIED:
             return  # as published they ask no such question
         others = [model for model in self.models.values() if model.name != candidate.model.name]
         challenge(shot, candidate, others, METHODS[self.method], self.config)

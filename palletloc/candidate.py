@@ -81,6 +81,11 @@ class Candidate:
         return self.verification.rank if self.verification else self.score
 
     @property
+    def weight(self) -> float:
+        """What it counts against others in its place: the evidence of what is seen of it, in nats, or its score."""
+        return self.verification.shown if self.verification else self.score
+
+    @property
     def likelihood(self) -> float:
         """How well its fit explains the image, as a logarithm, to be compared with others; -inf where it failed."""
         if self.face is None or self.verification is None:

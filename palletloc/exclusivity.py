@@ -6,7 +6,7 @@ the camera covers the same part of the image as a larger one behind it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
@@ -16,35 +16,69 @@ from palletloc.geometry import LevelPose, wrap_angle
 from palletloc.measurement import Reason, Stage
 from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
-from palletloc.verification import NATS_PER_EDGE, of_use, overlapping
+from palletloc.verification import NATS_PER_EDGE, of_use, outline, overlaps
 
 Measure = Callable[[ShotView, Candidate, LocalizerConfig], None]
 """Measures a candidate in a shot: leaves a pose or a refusal in it."""
 
+MOST_RIVALS = 16
+"""Most candidates in one heap of which the likeliest are looked for; the least likely ones beyond are given up."""
 FAR_APART = 3.0
 """From how many standard deviations on another model's pose is another pose."""
 
 
 def exclude_overlaps(candidates: Iterable[Candidate]) -> None:
-    """Refuse every candidate that stands in a better one: two pallets cannot overlap.
+    """Refuse candidates that stand in each other until no two do: those stay that together are the likeliest.
 
-    What shows a pallet's blocks and openings but was given up for its edges or its height keeps its place, too:
-    whatever else is found there is that pallet, seen wrongly.
+    Two pallets side by side outweigh one that would stand in both. What shows a pallet's blocks and openings but was
+    given up for its edges or its height keeps its place, too: whatever else is found there is that pallet, seen
+    wrongly.
 
     Parameters
     ----------
     candidates : iterable of Candidate
         All of one shot, after they were measured.
     """
-    kept: list[tuple[Candidate, LevelPose]] = []
-    for candidate in sorted(candidates, key=lambda one: -one.rank):
-        if candidate.pose is None or not (candidate.refusal is None or _is_pallet(candidate)):
-            continue
-        if any(overlapping(pose, other.model, candidate.pose, candidate.model) for other, pose in kept):
-            if candidate.refusal is None:
-                candidate.refuse(Stage.VERIFICATION, Reason.OVERLAP)
-        else:
-            kept.append((candidate, candidate.pose))
+    standing = [one for one in candidates if one.pose is not None and (one.refusal is None or _is_pallet(one))]
+    standing.sort(key=lambda one: -one.rank)
+    if not standing:
+        return
+    poses = np.array([one.pose.as_array() for one in standing if one.pose is not None])
+    outlines = np.array([outline(one.model) for one in standing])
+    clash = overlaps(poses[:, None], outlines[:, None], poses, outlines)
+    clash = (clash | clash.T) & ~np.eye(len(standing), dtype=bool)
+    stays = _likeliest([one.weight for one in standing], [frozenset(np.flatnonzero(row).tolist()) for row in clash])
+    for i, candidate in enumerate(standing):
+        if i not in stays and candidate.refusal is None:
+            candidate.refuse(Stage.VERIFICATION, Reason.OVERLAP)
+
+
+def _likeliest(weights: Sequence[float], clashes: Sequence[frozenset[int]]) -> frozenset[int]:
+    """Return which of some candidates stay, so that none clash and their weights sum up to the most."""
+    left, stays = set(range(len(weights))), frozenset[int]()
+    while left:
+        group, found = {min(left)}, {min(left)}
+        while found:
+            found = set().union(*(clashes[i] for i in found)) - group
+            group |= found
+        left -= group
+        stays |= _best(sorted(group, key=lambda i: -weights[i])[:MOST_RIVALS], weights, clashes)[1]
+    return stays
+
+
+def _best(
+    among: Sequence[int], weights: Sequence[float], clashes: Sequence[frozenset[int]]
+) -> tuple[float, frozenset[int]]:
+    """Return the greatest sum of weights without a clash, and whose; of equal ones that with the first."""
+    if not among:
+        return 0.0, frozenset()
+    first, rest = among[0], among[1:]
+    weight, chosen = _best([i for i in rest if i not in clashes[first]], weights, clashes)
+    with_it = weight + weights[first], chosen | {first}
+    if not clashes[first].intersection(rest):
+        return with_it
+    without = _best(rest, weights, clashes)
+    return with_it if with_it[0] >= without[0] else without
 
 
 def _is_pallet(candidate: Candidate) -> bool:

@@ -1,10 +1,13 @@
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from palletloc.candidate import Candidate, ShotView
 from palletloc.config import LocalizerConfig
@@ -94,3 +97,28 @@ def test_where_the_level_is_known_no_other_model_is_tried(portrait: Portrait, t1
     assert known.refusal is None
     challenge(shot, known, [replace(t11, width=1.2)], never, CONFIG)
     assert known.refusal is None
+
+
+def test_two_pallets_side_by_side_outweigh_one_that_stands_in_both(epal: PalletModel) -> None:
+    left, between, right = candidate(epal, 0.0, 0.6), candidate(epal, 0.65, 0.9), candidate(epal, 1.3, 0.5)
+    exclude_overlaps([between, left, right])
+    assert [one.refusal is None for one in (left, between, right)] == [True, False, True]
+    left, between, right = candidate(epal, 0.0, 0.4), candidate(epal, 0.65, 0.95), candidate(epal, 1.3, 0.5)
+    exclude_overlaps([between, left, right])
+    assert [one.refusal is None for one in (left, between, right)] == [False, True, False]
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.lists(st.tuples(st.floats(0.0, 6.0), st.floats(0.1, 1.0)), max_size=9))
+def test_what_stays_weighs_the_most(epal: PalletModel, places: list[tuple[float, float]]) -> None:
+    found = [candidate(epal, x, score) for x, score in places]
+    exclude_overlaps(found)
+    apart = 0.9 * epal.width
+
+    def free(chosen: Sequence[tuple[float, float]]) -> bool:
+        return all(abs(one[0] - other[0]) >= apart for one, other in combinations(chosen, 2))
+
+    kept = [place for place, one in zip(places, found, strict=True) if one.refusal is None]
+    assert free(kept)
+    subsets = (some for count in range(len(places) + 1) for some in combinations(places, count) if free(some))
+    assert sum(score for _, score in kept) == pytest.approx(max(sum(score for _, score in some) for some in subsets))

@@ -21,6 +21,9 @@ from palletloc.refinement.search import Search
 from palletloc.verification import NATS_PER_EDGE, Verification
 from palletloc.yaw import YawEstimate
 
+STEEP = 30
+"""Power of scores from which on the highest one outweighs others that are lower by a few hundredths."""
+
 
 @dataclass(frozen=True, slots=True)
 class ShotView:
@@ -82,8 +85,11 @@ class Candidate:
 
     @property
     def weight(self) -> float:
-        """What it counts against others in its place: the evidence of what is seen of it, in nats, or its score."""
-        return self.verification.shown if self.verification else self.score
+        """What it counts against others in its place: the evidence of what is seen of it, in nats.
+
+        A mere score is no evidence, so that two lower ones do not add up to more than a higher one.
+        """
+        return self.verification.shown if self.verification else self.score**STEEP
 
     @property
     def likelihood(self) -> float:

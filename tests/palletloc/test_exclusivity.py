@@ -17,6 +17,15 @@ from palletloc.localizer import Localizer, Start
 from palletloc.measurement import HeightPrior, Reason, Stage
 from palletloc.pallet import PalletModel
 from palletloc.refined import measure_refined
+from palletloc.verification import (
+    SCORE,
+    USUAL_CONTRAST,
+    USUAL_COVERAGE,
+    USUAL_DOUBT,
+    USUAL_SCORE,
+    Signs,
+    Verification,
+)
 
 CONFIG = LocalizerConfig()
 POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
@@ -99,19 +108,34 @@ def test_where_the_level_is_known_no_other_model_is_tried(portrait: Portrait, t1
     assert known.refusal is None
 
 
+def shown(model: PalletModel, x: float, evidence: float) -> Candidate:
+    """A candidate whose signs are those of most places, but for a score that gives it so much evidence."""
+    found = candidate(model, x, 0.5)
+    signs = Signs(USUAL_CONTRAST, USUAL_COVERAGE, USUAL_SCORE + evidence / SCORE, USUAL_DOUBT - 0.5)
+    found.verification = Verification(signs, None)
+    assert found.weight == pytest.approx(evidence)
+    return found
+
+
 def test_two_pallets_side_by_side_outweigh_one_that_stands_in_both(epal: PalletModel) -> None:
-    left, between, right = candidate(epal, 0.0, 0.6), candidate(epal, 0.65, 0.9), candidate(epal, 1.3, 0.5)
+    left, between, right = shown(epal, 0.0, 1.2), shown(epal, 0.65, 1.8), shown(epal, 1.3, 1.0)
     exclude_overlaps([between, left, right])
     assert [one.refusal is None for one in (left, between, right)] == [True, False, True]
-    left, between, right = candidate(epal, 0.0, 0.4), candidate(epal, 0.65, 0.95), candidate(epal, 1.3, 0.5)
+    left, between, right = shown(epal, 0.0, 0.8), shown(epal, 0.65, 1.9), shown(epal, 1.3, 1.0)
     exclude_overlaps([between, left, right])
     assert [one.refusal is None for one in (left, between, right)] == [False, True, False]
 
 
+def test_two_mere_scores_do_not_outweigh_a_higher_one(epal: PalletModel) -> None:
+    left, between, right = candidate(epal, 0.0, 0.6), candidate(epal, 0.65, 0.7), candidate(epal, 1.3, 0.6)
+    exclude_overlaps([left, between, right])
+    assert [one.refusal is None for one in (left, between, right)] == [False, True, False]
+
+
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(st.lists(st.tuples(st.floats(0.0, 6.0), st.floats(0.1, 1.0)), max_size=9))
+@given(st.lists(st.tuples(st.floats(0.0, 6.0), st.floats(0.1, 2.5)), max_size=9))
 def test_what_stays_weighs_the_most(epal: PalletModel, places: list[tuple[float, float]]) -> None:
-    found = [candidate(epal, x, score) for x, score in places]
+    found = [shown(epal, x, evidence) for x, evidence in places]
     exclude_overlaps(found)
     apart = 0.9 * epal.width
 
@@ -121,4 +145,6 @@ def test_what_stays_weighs_the_most(epal: PalletModel, places: list[tuple[float,
     kept = [place for place, one in zip(places, found, strict=True) if one.refusal is None]
     assert free(kept)
     subsets = (some for count in range(len(places) + 1) for some in combinations(places, count) if free(some))
-    assert sum(score for _, score in kept) == pytest.approx(max(sum(score for _, score in some) for some in subsets))
+    assert sum(weight for _, weight in kept) == pytest.approx(
+        max(sum(weight for _, weight in some) for some in subsets)
+    )

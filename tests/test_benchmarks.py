@@ -39,7 +39,7 @@ def test_the_cost_of_tracking_is_printed_beside_its_goals() -> None:
     )
     assert done.returncode == 0, done.stderr
     (section,) = json.loads(done.stdout)
-    assert [row["goal"] for row in section["rows"]] == [60.0, 60.0, 3.0, 15.0, None]
+    assert [row["goal"] for row in section["rows"]] == [60.0, 60.0, 60.0, 3.0, 15.0, None]
     assert all(row["median"] > 0 for row in section["rows"])
 
 

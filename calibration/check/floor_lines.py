@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.check.robust_fit import robust_fit
 from calibration.shelf.gravity_lines import Tilt
 from calibration.shelf.line_segments import Segments
 from palletloc.geometry import FloatArray, wrap_angle
@@ -23,8 +24,8 @@ _LEAST_DEPRESSION = float(np.radians(8.0))
 _WINDOW = float(np.radians(1.2))
 _SAME_TURN, _SAME_PLACE, _LEAST_SIGHTS = float(np.radians(1.5)), 0.12, 3
 _BUILT, _SQUARE, _EVEN = (float(np.radians(angle)) for angle in (0.4, 0.2, 0.1))
-_HUBER = 1.5
-_ROUNDS = 15
+_FAINT = 1e-3
+"""Information that keeps unknowns of which nothing is told where they are, in per square radian."""
 _TOLD = 1 / float(np.radians(2.0)) ** 2
 
 
@@ -143,7 +144,9 @@ def floor_tilt(sights: FloorSights) -> Tilt | None:
     design[rows, 4 + lines + line] = normals[:, 2]
     priors = [0.0, 0.0, *np.full(2, _SQUARE**-2), *np.full(lines, _BUILT**-2), *np.full(lines, _EVEN**-2)]
     values = -(normals[:, 0] * cos + normals[:, 1] * sin)
-    return _told(*_fitted(design, values, sights.sigma[used], np.diag(priors)), len(used))
+    return _told(
+        *robust_fit(design, values, sights.sigma[used], np.diag(priors) + _FAINT * np.eye(len(priors))), len(used)
+    )
 
 
 def _told(solution: FloatArray, normal: FloatArray, segments: int) -> Tilt | None:
@@ -174,20 +177,3 @@ def _same_lines(sights: FloorSights) -> NDArray[np.intp]:
             line[same] = number
             number += 1
     return line
-
-
-def _fitted(
-    design: FloatArray, values: FloatArray, sigma: FloatArray, prior: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return a robust solution and its normal matrix."""
-    weight, scatter = 1 / sigma, 1.0
-    solution: FloatArray = np.zeros(design.shape[1])
-    normal = prior
-    for _ in range(_ROUNDS):
-        normal = (design * weight[:, None] ** 2).T @ design / scatter**2 + prior + 1e-3 * np.eye(len(prior))
-        right = (design * weight[:, None] ** 2).T @ values / scatter**2
-        solution = np.asarray(np.linalg.solve(normal, right), np.float64)
-        off = (values - design @ solution) / sigma
-        scatter = max(1.4826 * float(np.median(np.abs(off))), 1.0)
-        weight = 1 / sigma / np.sqrt(np.maximum(np.abs(off) / (_HUBER * scatter), 1.0))
-    return solution, normal

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.check.robust_fit import robust_fit
 from calibration.drive import relative
 from calibration.shelf.gravity_lines import Tilt
 from calibration.shelf.survey import ShelfSurvey
@@ -24,8 +25,8 @@ _LEVEL, _FREE = 0.006, 0.3
 _HEIGHT = 0.02
 _RANGE = 0.006
 _ELEVATION = float(np.radians(0.04))
-_HUBER = 1.5
-_ROUNDS = 15
+_FAINT = 1e-6
+"""Information that keeps unknowns of which nothing is told where they are, in per square unit."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -172,25 +173,8 @@ def height_witness(sights: HeightSights, camera_height: float) -> HeightWitness 
     design[rows, 3 + pallets + index] = -deep / square
     away = sights.elevation - np.arctan2(deep, sights.distance)
     priors = np.concatenate([[0.0, 0.0, _HEIGHT**-2], sights.height_sigmas**-2, np.full(pallets, _RANGE**-2)])
-    solution, covariance = _fitted(design, away, sights.sigma, np.diag(priors))
+    solution, told = robust_fit(design, away, sights.sigma, np.diag(priors + _FAINT))
+    covariance = np.asarray(np.linalg.inv(told))
     information = np.linalg.inv(covariance[:2, :2])
     tilt = Tilt(solution[:2], np.asarray(information), len(index))
     return HeightWitness(tilt, float(solution[2]), covariance[:3, :3], len(np.unique(index)))
-
-
-def _fitted(
-    design: FloatArray, values: FloatArray, sigma: FloatArray, prior: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return a robust solution with its covariance; scatter beyond what was stated counts."""
-    weight = 1 / sigma
-    scatter = 1.0
-    solution: FloatArray = np.zeros(design.shape[1])
-    normal = prior
-    for _ in range(_ROUNDS):
-        normal = (design * weight[:, None] ** 2).T @ design / scatter**2 + prior + 1e-6 * np.eye(len(prior))
-        right = (design * weight[:, None] ** 2).T @ values / scatter**2
-        solution = np.asarray(np.linalg.solve(normal, right), np.float64)
-        off = (values - design @ solution) / sigma
-        scatter = max(1.4826 * float(np.median(np.abs(off))), 1.0)
-        weight = 1 / sigma / np.sqrt(np.maximum(np.abs(off) / (_HUBER * scatter), 1.0))
-    return solution, np.asarray(np.linalg.inv(normal))

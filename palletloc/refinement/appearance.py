@@ -44,12 +44,10 @@ def opening_contrasts(patch: FacePatch, model: PalletModel, pose: LevelPose, hid
         bright at once, so its mean colour says little. NaN where the view does not reach.
     """
     points = _points(model)
-    pixels = np.rint(patch.view.grid.pixels(patch.appearing(pose, points.reshape(-1, 2)))).astype(np.intp)
-    rows, columns = patch.smooth.shape[:2]
-    column, row = pixels.T
-    if pixels.min() < 0 or column.max() >= columns or row.max() >= rows or not patch.view.valid[row, column].all():
+    colours, inside = patch.colours(pose, points.reshape(-1, 2))
+    if not inside.all():
         return np.full(len(model.openings), np.nan)
-    seen = patch.smooth[row, column].reshape(*points.shape[:2], -1).astype(np.float64)
+    seen = colours.reshape(*points.shape[:2], -1)
     weight, part = _weights(points, hidden)
     count = len(model.blocks)
     mean = np.einsum("bn,bnc->bc", weight[:count], seen[:count])

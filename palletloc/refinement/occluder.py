@@ -119,10 +119,5 @@ def _unlike(colours: FloatArray, where: BoolArray) -> tuple[FloatArray, float]:
 def _strip(patch: FacePatch, pose: LevelPose, right: FloatArray, up: FloatArray) -> tuple[FloatArray, BoolArray]:
     """Return (columns, rows, channels) colours at places on the face's plane, and which columns are seen."""
     points = np.stack(np.meshgrid(right, up, indexing="ij"), axis=-1).reshape(-1, 2)
-    column, row = np.rint(patch.view.grid.pixels(patch.appearing(pose, points))).astype(np.intp).T
-    rows, columns = patch.smooth.shape[:2]
-    inside = (column >= 0) & (row >= 0) & (column < columns) & (row < rows)
-    row, column = row.clip(0, rows - 1), column.clip(0, columns - 1)
-    inside &= patch.view.valid[row, column]
-    colours = patch.smooth[row, column].reshape(len(right), len(up), -1).astype(np.float64)
-    return colours, np.asarray(inside.reshape(len(right), -1).all(axis=1))
+    colours, seen = patch.colours(pose, points)
+    return colours.reshape(len(right), len(up), -1), np.asarray(seen.reshape(len(right), -1).all(axis=1))

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
-from palletloc.geometry import FloatArray, Image, LevelPose, wrap_angle
+from palletloc.geometry import BoolArray, FloatArray, Image, LevelPose, wrap_angle
 from palletloc.matching import Energy
 from palletloc.measurement import Reason
 from palletloc.plane import PALLET_FROM_VERTICAL, PlaneGrid, PlaneView, place_plane
@@ -103,6 +103,30 @@ class FacePatch:
         seen[:, 0] = aside + (right - aside + math.cos(turn) * across) * nearer
         seen[:, 1] = above + (pose.z - self.base.z - above + up) * nearer
         return seen
+
+    def colours(self, pose: LevelPose, points: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Return what the smoothed image shows at points of a face.
+
+        Parameters
+        ----------
+        pose : LevelPose
+            ``forklift_from_pallet``.
+        points : (n, 2) array
+            Right and up on the face, in metres.
+
+        Returns
+        -------
+        colours : (n, channels) array
+            Of the nearest pixels; without meaning where a point is not seen.
+        seen : (n,) array of bool
+            Whether the view shows them.
+        """
+        column, row = np.rint(self.view.grid.pixels(self.appearing(pose, points))).astype(np.intp).T
+        rows, columns = self.smooth.shape[:2]
+        seen = (column >= 0) & (row >= 0) & (column < columns) & (row < rows)
+        row, column = row.clip(0, rows - 1), column.clip(0, columns - 1)
+        found = self.smooth[row, column].reshape(len(points), -1).astype(np.float64)
+        return found, np.asarray(seen & self.view.valid[row, column])
 
 
 def view_patch(

@@ -78,6 +78,7 @@ def check_level(shot: ShotView, candidate: Candidate, config: LocalizerConfig) -
         candidate.yaw_prior,
         spread,
         config.face_fit,
+        arrived=True,
     )
     if isinstance(free, Reason):
         return None

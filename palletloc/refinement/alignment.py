@@ -129,6 +129,7 @@ def fit_face(
     config: FaceFitConfig,
     known: Sequence[LevelPose] = (),
     posts: Spans = (),
+    arrived: bool = False,
 ) -> FaceEstimate | Reason:
     """Fit the pose of a face to its edges.
 
@@ -156,6 +157,8 @@ def fit_face(
         Poses that other starts led to: the fit ends where it comes to one of them.
     posts : sequence of (left, right)
         Stretches of the face that something is seen to stand before, in metres.
+    arrived : bool
+        Whether the start is the result of another fit: then one round may do.
 
     Returns
     -------
@@ -167,7 +170,8 @@ def fit_face(
     rounds: list[_Round] = []
     for i in range(config.iterations):
         upright = max(config.reach, config.first_reach / 2**i)
-        reach = EdgeReach(config.reach, upright, config.reach_px, CUT_SPACING_PX, faint=i > 0, settled=i > 0)
+        near = arrived or i > 0
+        reach = EdgeReach(config.reach, upright, config.reach_px, CUT_SPACING_PX, faint=near, settled=near)
         seen = _seen(camera, image, mounting, pose, model, reach, posts, config)
         if isinstance(seen, Reason):
             return seen
@@ -179,15 +183,15 @@ def fit_face(
         else:
             system.add_slopes(config.slope_error_px)
             system.add_turn(-turned, yaw_spread)
-        found = _solved(camera, image, mounting, pose, model, system, i > 0)
+        found = _solved(camera, image, mounting, pose, model, system, near)
         if float(found.sigma[:3].max()) > config.max_sigma:
             return Reason.FEW_EDGES
         rounds.append(found)
         pose = found.estimate.forklift_from_pallet
         if found.estimate.doubt > config.hopeless_doubt:
             break
-        arrived = any(same_pose(pose, one) for one in known) or _settled(system, found, config)
-        if arrived and upright <= config.reach:
+        there = any(same_pose(pose, one) for one in known) or _settled(system, found, config)
+        if there and (arrived or upright <= config.reach):
             break
     else:  # it swings between poses, or still moves: that of least doubt is the best guess
         rounds[-2:] = sorted(rounds[-2:], key=lambda one: -one.estimate.doubt)

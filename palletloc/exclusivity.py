@@ -24,7 +24,7 @@ Measure = Callable[[ShotView, Candidate, LocalizerConfig], None]
 MOST_RIVALS = 16
 """Most candidates in one heap of which the likeliest are looked for; the least likely ones beyond are given up."""
 FAR_APART = 3.0
-"""From how many standard deviations on another model's pose is another pose."""
+"""From how many standard deviations on another fit's pose is another pose."""
 
 
 def exclude_overlaps(candidates: Iterable[Candidate]) -> None:
@@ -32,7 +32,7 @@ def exclude_overlaps(candidates: Iterable[Candidate]) -> None:
 
     Two pallets side by side outweigh one that would stand in both. What shows a pallet's blocks and openings but was
     given up for its edges or its height keeps its place, too: whatever else is found there is that pallet, seen
-    wrongly.
+    wrongly. Where it was given up as uncertain, though, another fit of about the same pose may be of use.
 
     Parameters
     ----------
@@ -47,10 +47,22 @@ def exclude_overlaps(candidates: Iterable[Candidate]) -> None:
     outlines = np.array([outline(one.model) for one in standing])
     clash = overlaps(poses[:, None], outlines[:, None], poses, outlines)
     clash = (clash | clash.T) & ~np.eye(len(standing), dtype=bool)
+    for i, j in np.argwhere(np.triu(clash)).tolist():
+        clash[i, j] = clash[j, i] = not _one_of_use(standing[i], standing[j])
     stays = _likeliest([one.weight for one in standing], [frozenset(np.flatnonzero(row).tolist()) for row in clash])
     for i, candidate in enumerate(standing):
         if i not in stays and candidate.refusal is None:
             candidate.refuse(Stage.VERIFICATION, Reason.OVERLAP)
+
+
+def _one_of_use(one: Candidate, other: Candidate) -> bool:
+    """Tell whether of two poses of one pallet, as far as their fits can tell, one alone was given up as uncertain."""
+    given_up = [each.refusal is not None and each.refusal[1] is Reason.UNCERTAIN for each in (one, other)]
+    if sum(given_up) != 1 or one.face is None or other.face is None:
+        return False
+    apart = one.face.forklift_from_pallet.as_array() - other.face.forklift_from_pallet.as_array()
+    apart[3] = wrap_angle(apart[3])
+    return bool(apart @ np.linalg.solve(one.face.covariance + other.face.covariance, apart) < FAR_APART**2)
 
 
 def _likeliest(weights: Sequence[float], clashes: Sequence[frozenset[int]]) -> frozenset[int]:

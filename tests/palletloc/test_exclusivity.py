@@ -97,6 +97,22 @@ def test_a_model_that_looks_alike_is_no_contradiction(portrait: Portrait, t11: P
     assert (np.diag(beside.covariance) >= np.diag(alone.covariance)).all()
 
 
+@pytest.mark.parametrize(("aside", "stays"), [(0.0, True), (0.45, False)])
+def test_what_is_uncertain_keeps_others_away_but_not_a_better_fit_of_its_own_pallet(
+    aside: float, stays: bool, portrait: Portrait, t11: PalletModel
+) -> None:
+    shot = portrait(t11, POSE)
+    known = Candidate(t11, POSE, HeightPrior(0.0, 0.003))
+    measure_refined(shot, known, CONFIG)
+    assert known.face is not None
+    there = replace(POSE, x=POSE.x + aside)
+    uncertain = replace(known, pose=there, face=replace(known.face, forklift_from_pallet=there))
+    uncertain.refuse(Stage.VERIFICATION, Reason.UNCERTAIN)
+    exclude_overlaps([uncertain, known])
+    assert (known.refusal is None) is stays
+    assert uncertain.refusal == (Stage.VERIFICATION, Reason.UNCERTAIN)
+
+
 def test_where_the_level_is_known_no_other_model_is_tried(portrait: Portrait, t11: PalletModel) -> None:
     def never(*_: object) -> None:
         raise AssertionError("no other model has to be measured")

@@ -66,7 +66,7 @@ def keep_best(
     """
     attempts: list[Candidate] = []
     for start, patch in starts:
-        if any(one.pose is not None and _near(start, one.pose) for one in attempts):
+        if any(one.pose is not None and one.refusal is None and _near(start, one.pose) for one in attempts):
             continue  # it would lead to the same pose
         if not _may_be_pallet(patch, start, candidate, config):
             continue  # most places that are not a pallet end here

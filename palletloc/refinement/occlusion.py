@@ -20,7 +20,11 @@ Spans = Sequence[tuple[float, float]]
 BINS = 24
 """Stretches of the face's width that are voted on."""
 SUPPORT = 0.4
-"""Part of the cuts in a stretch, of all lines together, that show their edges where nothing is hidden."""
+"""Part of the cuts in a stretch, of all lines together, that show their edges where nothing is hidden, over what is
+usual."""
+USUAL, LEAST_USUAL = 0.75, 0.5
+"""Quantile over the stretches of the part of cuts that show their edges, and the least that counts: what nothing hides
+shows as many, fewer in noise."""
 VOTERS = 2
 """Fewest lines that must vote on a stretch."""
 ALIKE = 3.0
@@ -70,7 +74,9 @@ def hidden_spans(
     lines = np.count_nonzero(here.reshape(-1, BINS), axis=0)
     # neighbours share their votes: something that hides a stretch is not narrower
     spread = np.ones(3)
-    missing = np.convolve(shown, spread, "same") < SUPPORT * np.convolve(count, spread, "same")
+    around, seen = np.convolve(count, spread, "same"), np.convolve(shown, spread, "same")
+    usual = max(float(np.quantile(seen / np.maximum(around, 1), USUAL)), LEAST_USUAL)
+    missing = seen < SUPPORT * usual * around
     if not missing.any():
         return ()
     hidden = _grown(missing & (lines >= VOTERS), missing & (lines > 0))

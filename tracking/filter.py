@@ -20,9 +20,9 @@ from palletloc.geometry import FloatArray, wrap_angle
 from tracking import stacked
 from tracking.config import TrackerConfig
 from tracking.motion import Motion
-from tracking.observation import YAW, Observation, picked
+from tracking.observation import YAW, Observation
 from tracking.stacked import symmetric
-from tracking.state import COMMON, CONSTANTS, DIAGONAL, POSE, SIZE, Gaussian
+from tracking.state import COMMON, CONSTANTS, POSE, SIZE, Gaussian
 
 FEW = 4
 """States up to which one by one is faster than all at once."""
@@ -72,9 +72,10 @@ class PalletFilter(ExtendedKalmanFilter):
         self.x: FloatArray = np.zeros(SIZE)
         self.P: FloatArray = np.eye(SIZE)
         self._common_path = config.errors.common_path_m
-        self._floor = 1e-3 * config.odometry.floor_mm_per_sqrt_m
+        self._floor = (1e-3 * config.odometry.floor_mm_per_sqrt_m) ** 2
         wander, of_yaw = config.errors.wander_m**2, math.radians(config.errors.wander_yaw_deg) ** 2
-        self._wander = wander, of_yaw
+        self._wander = np.diag([wander, wander, wander + self._floor, of_yaw, *[0.0] * 6])
+        self._fading = np.diag([*[0.0] * COMMON.start, *[1.0] * 4])
         self.estimated = config.estimate_odometry
         self._constants = np.diag(config.odometry.constants**2)
 
@@ -129,16 +130,12 @@ class PalletFilter(ExtendedKalmanFilter):
     def alike(self, motion: Motion) -> tuple[FloatArray, FloatArray]:
         """Return those parts of F and Q, (10, 10) each, that are the same for all states."""
         stays = math.exp(-motion.path / self._common_path)
-        F, Q = np.zeros((SIZE, SIZE)), np.zeros((SIZE, SIZE))
-        F.flat[DIAGONAL] = [1.0] * COMMON.start + [stays] * 4
-        place, yaw = (variance * motion.path for variance in self._wander)
-        height = place + self.height_noise(motion)
-        Q.flat[DIAGONAL] = [place, place, height, yaw, 0.0, 0.0] + [1 - stays**2] * 4
-        return F, Q
+        F = self._I - (1 - stays) * self._fading
+        return F, motion.path * self._wander + (1 - stays**2) * self._fading
 
     def height_noise(self, motion: Motion) -> float:
         """Return the variance of how a motion lifts the forklift, and all pallets alike."""
-        return self._floor**2 * motion.path
+        return self._floor * motion.path
 
     def model(self, observation: Observation, scale: float = 1.0) -> MeasurementModel:
         """Return how a state leads to a measurement.
@@ -150,11 +147,9 @@ class PalletFilter(ExtendedKalmanFilter):
         scale : float
             Factor on its covariance.
         """
-        H = np.zeros((len(observation.components), SIZE))
-        H[:, POSE] = picked(observation.components)
-        H[:, COMMON] = observation.common
         if scale == 1.0:
-            return MeasurementModel(H, observation.own)
+            return MeasurementModel(observation.H, observation.own)
+        H = observation.H.copy()
         H[:, COMMON] *= math.sqrt(scale)
         return MeasurementModel(H, scale * observation.own)
 
@@ -234,10 +229,8 @@ class PalletFilter(ExtendedKalmanFilter):
 
     def models(self, observations: Sequence[Observation], scales: Sequence[float]) -> tuple[FloatArray, FloatArray]:
         """Return the matrices H, (n, k, 10), and R, (n, k, k), of measurements with the same components."""
-        H = np.zeros((len(observations), len(observations[0].components), SIZE))
-        H[:, :, POSE] = picked(observations[0].components)
-        factors = np.array(scales)[:, None, None]
-        H[:, :, COMMON] = np.sqrt(factors) * np.array([one.common for one in observations])
+        H, factors = np.array([one.H for one in observations]), np.array(scales)[:, None, None]
+        H[:, :, COMMON] *= np.sqrt(factors)
         return H, factors * np.array([one.own for one in observations])
 
     def update(
@@ -273,14 +266,16 @@ def _transition(
     x, y, z, yaw = mean[POSE].tolist()
     cos, sin = math.cos(turn), math.sin(turn)
     x, y = cos * (x - dx) + sin * (y - dy), cos * (y - dy) - sin * (x - dx)
-    by_motion = np.array(((-cos, -sin, y), (sin, -cos, -x), (0.0, 0.0, 0.0), (0.0, 0.0, -1.0)))
     after = mean * F.diagonal()
     after[POSE] = x, y, z, wrap_angle(yaw - turn)
-    F, Q = F.copy(), Q.copy()
-    F[:2, :2] = -by_motion[:2, :2]
-    F[POSE, CONSTANTS] = by_motion.dot(motion.constants)
-    Q[POSE, POSE] += by_motion.dot(motion.covariance).dot(by_motion.T)
-    return F, Q, after
+    B = np.zeros((SIZE, 3))  # number by number: slices of so small an array take longer
+    B[0, 0] = B[1, 1] = -cos
+    B[0, 1], B[1, 0], B[0, 2], B[1, 2], B[YAW, 2] = -sin, sin, y, -x, -1.0
+    F = F.copy()
+    F[0, 0] = F[1, 1] = cos
+    F[0, 1], F[1, 0] = sin, -sin
+    F[POSE, CONSTANTS] = B[POSE].dot(motion.constants)
+    return F, Q + B.dot(motion.covariance).dot(B.T), after
 
 
 def _residual(observation: Observation, z: FloatArray, expected: FloatArray) -> FloatArray:

@@ -241,12 +241,11 @@ class DrivenPath:
         """Return the motion on a leg from a time, or its begin, to a time, or its end."""
         if leg < 0 or leg >= len(self._legs):
             return self._beyond(leg, start, end)
-        if start is None and end is None:
-            return self._legs[leg].whole
-        before, after = self._times[leg], self._times[leg + 1]
+        one, before, after = self._legs[leg], self._times[leg], self._times[leg + 1]
         begin = before if start is None else start
         finish = after if end is None else end
-        one = self._legs[leg]
+        if begin == before and finish == after:
+            return one.whole
         motion = self._moved(one.twist, one.known, self._samples[leg + 1].covariance, after - before, finish - begin)
         return _with_noise(
             motion, sum(self._noise.between_samples(cut - before, after - cut) for cut in (begin, finish))

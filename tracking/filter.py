@@ -9,7 +9,7 @@ with Applications to Tracking and Navigation, 2001, section 8.2).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -58,8 +58,8 @@ class MeasurementModel(NamedTuple):
 class PalletFilter(ExtendedKalmanFilter):
     """Extended Kalman filter of `filterpy` for a pallet seen from a moving forklift.
 
-    Without memory: every call gets a state and returns another one. `predict` is filterpy's; `update` is its
-    equations without what it keeps for others and without its general inverse, which take most of its time.
+    Without memory: every call gets a state and returns another one. `predict` is filterpy's; `updated` has the
+    equations of its `update` without what that keeps for others and its general inverse, which take most of its time.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ class PalletFilter(ExtendedKalmanFilter):
         H, R = self.model(observation, scale)
         mean, P = state
         S = H.dot(P).dot(H.T) + R
-        away = _residual(observation, observation.values, H.dot(mean))
+        away = _away(observation, H, mean)
         root, solved, failed = dposv(S, away)
         if failed:  # rounding has made it so: it belongs to nothing
             return Innovation(math.inf, math.inf)
@@ -186,7 +186,10 @@ class PalletFilter(ExtendedKalmanFilter):
         return [Innovation(*pair) for pair in zip(*(one.tolist() for one in found), strict=True)]
 
     def updated(self, state: Gaussian, observation: Observation, scale: float = 1.0, weight: float = 1.0) -> Gaussian:
-        """Return a state after a measurement.
+        """Return a state after a measurement, by Joseph's form of the update.
+
+        Where the odometry's constants are not estimated, only allowed for, their rows of the gain are zero: Schmidt's
+        gain.
 
         Parameters
         ----------
@@ -200,16 +203,17 @@ class PalletFilter(ExtendedKalmanFilter):
             How much it counts, up to 1: a robust weight.
         """
         H, R = self.model(observation, scale)
-        self.x, self.P = state
-        self.update(
-            observation.values,
-            HJacobian=lambda _: H,
-            Hx=H.dot,
-            R=R if weight == 1.0 else R / weight,
-            residual=lambda z, expected: _residual(observation, z, expected),
-        )
-        self.x[YAW] = wrap_angle(float(self.x[YAW]))
-        return Gaussian(self.x, symmetric(self.P))
+        if weight != 1.0:
+            R = R / weight
+        mean, P = state
+        of_state = H.dot(P)
+        K = dgesv(of_state.dot(H.T) + R, of_state)[2].T  # the same as by the inverse of S, which is symmetric
+        if not self.estimated:
+            K[CONSTANTS] = 0.0
+        mean = mean + K.dot(_away(observation, H, mean))
+        mean[YAW] = wrap_angle(float(mean[YAW]))
+        stays = self._I - K.dot(H)
+        return Gaussian(mean, symmetric(stays.dot(P).dot(stays.T) + K.dot(R).dot(K.T)))
 
     def updates(
         self,
@@ -233,30 +237,6 @@ class PalletFilter(ExtendedKalmanFilter):
         H[:, :, COMMON] *= np.sqrt(factors)
         return H, factors * np.array([one.own for one in observations])
 
-    def update(
-        self,
-        z: FloatArray,
-        HJacobian: Callable[[FloatArray], FloatArray],
-        Hx: Callable[[FloatArray], FloatArray],
-        R: FloatArray,
-        residual: Callable[[FloatArray, FloatArray], FloatArray] = np.subtract,
-    ) -> None:
-        """Correct the state by a measurement, in Joseph's form.
-
-        Where the odometry's constants are not estimated, only allowed for, their rows of the gain are zero: Schmidt's
-        gain.
-        """
-        H = HJacobian(self.x)
-        self.y = residual(z, Hx(self.x))
-        of_state = H.dot(self.P)
-        self.S = of_state.dot(H.T) + R
-        self.K = dgesv(self.S, of_state)[2].T  # the same as by the inverse of S, which is symmetric
-        if not self.estimated:
-            self.K[CONSTANTS] = 0.0
-        self.x = self.x + self.K.dot(self.y)
-        stays = self._I - self.K.dot(H)
-        self.P = stays.dot(self.P).dot(stays.T) + self.K.dot(R).dot(self.K.T)
-
 
 def _transition(
     mean: FloatArray, motion: Motion, F: FloatArray, Q: FloatArray
@@ -278,9 +258,9 @@ def _transition(
     return F, Q + B.dot(motion.covariance).dot(B.T), after
 
 
-def _residual(observation: Observation, z: FloatArray, expected: FloatArray) -> FloatArray:
+def _away(observation: Observation, H: FloatArray, mean: FloatArray) -> FloatArray:
     """Return the innovation, an angle the short way round."""
-    away = z - expected
+    away: FloatArray = observation.values - H.dot(mean)
     if observation.components[-1] == YAW:
         away[-1] = wrap_angle(float(away[-1]))
     return away

@@ -47,7 +47,7 @@ class DrivenPath:
         self._samples: list[Odometry] = []
         self._times: list[float] = []
         self._legs: list[_Leg] = []
-        self._kept: dict[tuple[float, float], Motion | None] = {}
+        self._kept: dict[tuple[float, float], Motion] = {}
 
     def __len__(self) -> int:
         """Return how many samples are kept."""
@@ -137,13 +137,14 @@ class DrivenPath:
         Motion or None
             None where the samples do not reach that far.
         """
-        if not (self.reaches(start) and self.reaches(end)):
-            return None
-        if (start, end) not in self._kept:
+        found = self._kept.get((start, end))
+        if found is None and self.reaches(start) and self.reaches(end):
+            found = self.extrapolated(start, end)
             if len(self._kept) >= MOST_KEPT:
                 self._kept.clear()
-            self._kept[start, end] = self.extrapolated(start, end)
-        return self._kept[start, end]
+            if found is not None:
+                self._kept[start, end] = found
+        return found
 
     def extrapolated(self, start: float, end: float) -> Motion | None:
         """Return the motion between two times however far beyond the samples; None before any sample."""

@@ -191,9 +191,9 @@ def _ready(
     covariances = errors.inflation * (covariances + covariances.transpose(0, 2, 1)) / 2
     if components[-1] == YAW:
         values[:, -1] = wrap_angle(values[:, -1])
-    poses = [np.zeros(0) if one.pose is None else one.pose.as_array() + 0.0 for one in group]
-    headings = np.array([0.0 if one.pose is None else one.pose.yaw for one in group])
-    commons = _commons(covariances, components, headings, errors)
+    given = [one.pose or LevelPose(0.0, 0.0, 0.0, 0.0) for one in group]
+    poses = np.array([(pose.x, pose.y, pose.z, pose.yaw) for pose in given]) + 0.0
+    commons = _commons(covariances, components, poses[:, YAW], errors)
     owns = covariances - commons @ commons.transpose(0, 2, 1)
     by_state = np.zeros((len(group), len(components), SIZE))
     by_state[:, :, POSE], by_state[:, :, COMMON] = picked(components), commons
@@ -209,16 +209,17 @@ def _ready(
             H,
             own,
             None if one.pose is None else (one.pose.x, one.pose.y, one.pose.z),
-            _order(one.source.model, components, value, np.concatenate((value, covariance.ravel(), pose))),
+            _order(one.source.model, components, value, covariance, pose[:0] if one.pose is None else pose),
             one.source,
         )
         for one, value, covariance, common, H, own, pose in rows
     ]
 
 
-def _order(model: str, components: tuple[int, ...], values: FloatArray, said: FloatArray) -> str:
+def _order(model: str, components: tuple[int, ...], values: FloatArray, *others: FloatArray) -> str:
     """Return a text by which observations of a shot are put in order: the nearest ahead first."""
-    return f"{model} {components} {values[0] + LARGEST:014.6f} {said.tobytes().hex()}"
+    said = b"".join(one.tobytes() for one in (values, *others))
+    return f"{model} {components} {values[0] + LARGEST:014.6f} {said.hex()}"
 
 
 def _commons(

@@ -151,11 +151,11 @@ class Comparison:
         alike = [j for j, track in enumerate(self.tracks) if track.model == observation.model]
         if observation.place is None:
             return alike
-        away = {j: math.dist(self.tracks[j].state.mean[:3].tolist(), observation.place) for j in alike}
-        possible = [j for j in alike if away[j] <= self._config.max_distance_m]
-        if observation.components[:3] == (0, 1, 2) or not possible:
-            return possible
-        return [min(possible, key=lambda j: away[j])]
+        away = [math.dist(self.tracks[j].state.mean[:3].tolist(), observation.place) for j in alike]
+        possible = [(far, j) for far, j in zip(away, alike, strict=True) if far <= self._config.max_distance_m]
+        if observation.components[:3] != (0, 1, 2):
+            possible = [min(possible)] if possible else []
+        return [j for _, j in possible]
 
     def _limit(self, observation: Observation) -> float:
         return chi_square_limit(self._config.probability, len(observation.components))

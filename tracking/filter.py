@@ -9,7 +9,7 @@ with Applications to Tracking and Navigation, 2001, section 8.2).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -20,9 +20,9 @@ from palletloc.geometry import FloatArray, wrap_angle
 from tracking import stacked
 from tracking.config import TrackerConfig
 from tracking.motion import Motion
-from tracking.observation import YAW, Observation, picked
+from tracking.observation import YAW, Observation
 from tracking.stacked import symmetric
-from tracking.state import COMMON, CONSTANTS, DIAGONAL, POSE, SIZE, Gaussian
+from tracking.state import COMMON, CONSTANTS, POSE, SIZE, Gaussian
 
 FEW = 4
 """States up to which one by one is faster than all at once."""
@@ -58,8 +58,8 @@ class MeasurementModel(NamedTuple):
 class PalletFilter(ExtendedKalmanFilter):
     """Extended Kalman filter of `filterpy` for a pallet seen from a moving forklift.
 
-    Without memory: every call gets a state and returns another one. `predict` is filterpy's; `update` is its
-    equations without what it keeps for others and without its general inverse, which take most of its time.
+    Without memory: every call gets a state and returns another one. `predict` is filterpy's; `updated` has the
+    equations of its `update` without what that keeps for others and its general inverse, which take most of its time.
 
     Parameters
     ----------
@@ -72,9 +72,10 @@ class PalletFilter(ExtendedKalmanFilter):
         self.x: FloatArray = np.zeros(SIZE)
         self.P: FloatArray = np.eye(SIZE)
         self._common_path = config.errors.common_path_m
-        self._floor = 1e-3 * config.odometry.floor_mm_per_sqrt_m
+        self._floor = (1e-3 * config.odometry.floor_mm_per_sqrt_m) ** 2
         wander, of_yaw = config.errors.wander_m**2, math.radians(config.errors.wander_yaw_deg) ** 2
-        self._wander = wander, of_yaw
+        self._wander = np.diag([wander, wander, wander + self._floor, of_yaw, *[0.0] * 6])
+        self._fading = np.diag([*[0.0] * COMMON.start, *[1.0] * 4])
         self.estimated = config.estimate_odometry
         self._constants = np.diag(config.odometry.constants**2)
 
@@ -129,16 +130,12 @@ class PalletFilter(ExtendedKalmanFilter):
     def alike(self, motion: Motion) -> tuple[FloatArray, FloatArray]:
         """Return those parts of F and Q, (10, 10) each, that are the same for all states."""
         stays = math.exp(-motion.path / self._common_path)
-        F, Q = np.zeros((SIZE, SIZE)), np.zeros((SIZE, SIZE))
-        F.flat[DIAGONAL] = [1.0] * COMMON.start + [stays] * 4
-        place, yaw = (variance * motion.path for variance in self._wander)
-        height = place + self.height_noise(motion)
-        Q.flat[DIAGONAL] = [place, place, height, yaw, 0.0, 0.0] + [1 - stays**2] * 4
-        return F, Q
+        F = self._I - (1 - stays) * self._fading
+        return F, motion.path * self._wander + (1 - stays**2) * self._fading
 
     def height_noise(self, motion: Motion) -> float:
         """Return the variance of how a motion lifts the forklift, and all pallets alike."""
-        return self._floor**2 * motion.path
+        return self._floor * motion.path
 
     def model(self, observation: Observation, scale: float = 1.0) -> MeasurementModel:
         """Return how a state leads to a measurement.
@@ -150,11 +147,9 @@ class PalletFilter(ExtendedKalmanFilter):
         scale : float
             Factor on its covariance.
         """
-        H = np.zeros((len(observation.components), SIZE))
-        H[:, POSE] = picked(observation.components)
-        H[:, COMMON] = observation.common
         if scale == 1.0:
-            return MeasurementModel(H, observation.own)
+            return MeasurementModel(observation.H, observation.own)
+        H = observation.H.copy()
         H[:, COMMON] *= math.sqrt(scale)
         return MeasurementModel(H, scale * observation.own)
 
@@ -173,7 +168,7 @@ class PalletFilter(ExtendedKalmanFilter):
         H, R = self.model(observation, scale)
         mean, P = state
         S = H.dot(P).dot(H.T) + R
-        away = _residual(observation, observation.values, H.dot(mean))
+        away = _away(observation, H, mean)
         root, solved, failed = dposv(S, away)
         if failed:  # rounding has made it so: it belongs to nothing
             return Innovation(math.inf, math.inf)
@@ -191,7 +186,10 @@ class PalletFilter(ExtendedKalmanFilter):
         return [Innovation(*pair) for pair in zip(*(one.tolist() for one in found), strict=True)]
 
     def updated(self, state: Gaussian, observation: Observation, scale: float = 1.0, weight: float = 1.0) -> Gaussian:
-        """Return a state after a measurement.
+        """Return a state after a measurement, by Joseph's form of the update.
+
+        Where the odometry's constants are not estimated, only allowed for, their rows of the gain are zero: Schmidt's
+        gain.
 
         Parameters
         ----------
@@ -205,16 +203,17 @@ class PalletFilter(ExtendedKalmanFilter):
             How much it counts, up to 1: a robust weight.
         """
         H, R = self.model(observation, scale)
-        self.x, self.P = state
-        self.update(
-            observation.values,
-            HJacobian=lambda _: H,
-            Hx=H.dot,
-            R=R if weight == 1.0 else R / weight,
-            residual=lambda z, expected: _residual(observation, z, expected),
-        )
-        self.x[YAW] = wrap_angle(float(self.x[YAW]))
-        return Gaussian(self.x, symmetric(self.P))
+        if weight != 1.0:
+            R = R / weight
+        mean, P = state
+        of_state = H.dot(P)
+        K = dgesv(of_state.dot(H.T) + R, of_state)[2].T  # the same as by the inverse of S, which is symmetric
+        if not self.estimated:
+            K[CONSTANTS] = 0.0
+        mean = mean + K.dot(_away(observation, H, mean))
+        mean[YAW] = wrap_angle(float(mean[YAW]))
+        stays = self._I - K.dot(H)
+        return Gaussian(mean, symmetric(stays.dot(P).dot(stays.T) + K.dot(R).dot(K.T)))
 
     def updates(
         self,
@@ -234,35 +233,9 @@ class PalletFilter(ExtendedKalmanFilter):
 
     def models(self, observations: Sequence[Observation], scales: Sequence[float]) -> tuple[FloatArray, FloatArray]:
         """Return the matrices H, (n, k, 10), and R, (n, k, k), of measurements with the same components."""
-        H = np.zeros((len(observations), len(observations[0].components), SIZE))
-        H[:, :, POSE] = picked(observations[0].components)
-        factors = np.array(scales)[:, None, None]
-        H[:, :, COMMON] = np.sqrt(factors) * np.array([one.common for one in observations])
+        H, factors = np.array([one.H for one in observations]), np.array(scales)[:, None, None]
+        H[:, :, COMMON] *= np.sqrt(factors)
         return H, factors * np.array([one.own for one in observations])
-
-    def update(
-        self,
-        z: FloatArray,
-        HJacobian: Callable[[FloatArray], FloatArray],
-        Hx: Callable[[FloatArray], FloatArray],
-        R: FloatArray,
-        residual: Callable[[FloatArray, FloatArray], FloatArray] = np.subtract,
-    ) -> None:
-        """Correct the state by a measurement, in Joseph's form.
-
-        Where the odometry's constants are not estimated, only allowed for, their rows of the gain are zero: Schmidt's
-        gain.
-        """
-        H = HJacobian(self.x)
-        self.y = residual(z, Hx(self.x))
-        of_state = H.dot(self.P)
-        self.S = of_state.dot(H.T) + R
-        self.K = dgesv(self.S, of_state)[2].T  # the same as by the inverse of S, which is symmetric
-        if not self.estimated:
-            self.K[CONSTANTS] = 0.0
-        self.x = self.x + self.K.dot(self.y)
-        stays = self._I - self.K.dot(H)
-        self.P = stays.dot(self.P).dot(stays.T) + self.K.dot(R).dot(self.K.T)
 
 
 def _transition(
@@ -273,19 +246,21 @@ def _transition(
     x, y, z, yaw = mean[POSE].tolist()
     cos, sin = math.cos(turn), math.sin(turn)
     x, y = cos * (x - dx) + sin * (y - dy), cos * (y - dy) - sin * (x - dx)
-    by_motion = np.array(((-cos, -sin, y), (sin, -cos, -x), (0.0, 0.0, 0.0), (0.0, 0.0, -1.0)))
     after = mean * F.diagonal()
     after[POSE] = x, y, z, wrap_angle(yaw - turn)
-    F, Q = F.copy(), Q.copy()
-    F[:2, :2] = -by_motion[:2, :2]
-    F[POSE, CONSTANTS] = by_motion.dot(motion.constants)
-    Q[POSE, POSE] += by_motion.dot(motion.covariance).dot(by_motion.T)
-    return F, Q, after
+    B = np.zeros((SIZE, 3))  # number by number: slices of so small an array take longer
+    B[0, 0] = B[1, 1] = -cos
+    B[0, 1], B[1, 0], B[0, 2], B[1, 2], B[YAW, 2] = -sin, sin, y, -x, -1.0
+    F = F.copy()
+    F[0, 0] = F[1, 1] = cos
+    F[0, 1], F[1, 0] = sin, -sin
+    F[POSE, CONSTANTS] = B[POSE].dot(motion.constants)
+    return F, Q + B.dot(motion.covariance).dot(B.T), after
 
 
-def _residual(observation: Observation, z: FloatArray, expected: FloatArray) -> FloatArray:
+def _away(observation: Observation, H: FloatArray, mean: FloatArray) -> FloatArray:
     """Return the innovation, an angle the short way round."""
-    away = z - expected
+    away: FloatArray = observation.values - H.dot(mean)
     if observation.components[-1] == YAW:
         away[-1] = wrap_angle(float(away[-1]))
     return away

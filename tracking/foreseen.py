@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from operator import attrgetter
 
 from tracking.assignment import FEW, Comparison
 from tracking.belief import Belief, Rules
@@ -13,6 +14,8 @@ from tracking.joint import Joint, regrouped
 from tracking.motion import Motion
 from tracking.state import POSE
 from tracking.track import Key, Track
+
+_TRACK = attrgetter("track")
 
 
 class Foreseen:
@@ -37,12 +40,14 @@ class Foreseen:
         self._rules = rules
         self._origin = before, motion
         tracks, joints = moved(before, motion, rules)
-        reasons = {track.key: track.end(time, rules.config.life) for track in tracks}
-        self.ended = tuple((key, why) for key, why in reasons.items() if why)
-        alive = {key for key, why in reasons.items() if not why}
-        self._joints = regrouped(joints, (), alive, rules.config.tracks_together) if self.ended else joints
-        self._members = {key: (i, at) for i, joint in enumerate(self._joints) for at, key in enumerate(joint.keys)}
-        self._tracks = {track.key: track for track in tracks if track.key in alive}
+        self.ended = tuple((track.key, why) for track in tracks if (why := track.end(time, rules.config.life)))
+        self._tracks = {track.key: track for track in tracks}
+        if self.ended:
+            for key, _ in self.ended:
+                del self._tracks[key]
+            joints = regrouped(joints, (), set(self._tracks), rules.config.tracks_together)
+        self._joints = joints
+        self._members = {key: (i, at) for i, joint in enumerate(joints) for at, key in enumerate(joint.keys)}
         self.comparison = Comparison(list(self._tracks.values()), rules.engine, rules.config.gate)
         self._after: dict[tuple[int, tuple[tuple[int, str], ...]], tuple[Joint, dict[Key, Track]]] = {}
         self._apart: dict[int, Track] = {}
@@ -57,7 +62,7 @@ class Foreseen:
         Estimates of which no track is measured are as they were.
         """
         of_joint: list[list[tuple[int, Hit]]] = [[] for _ in self._joints]
-        for hit in sorted(hits, key=lambda one: one.track):
+        for hit in sorted(hits, key=_TRACK):
             i, member = self._members[self.comparison.tracks[hit.track].key]
             of_joint[i].append((member, hit))
         names = [(i, tuple(hit.pair for _, hit in ones)) for i, ones in enumerate(of_joint)]

@@ -29,6 +29,23 @@ def chi_square_limit(probability: float, dof: int) -> float:
     return float(chi2.ppf(probability, dof))
 
 
+@lru_cache(maxsize=256)
+def mean_band(probability: float, dof: int, count: int) -> tuple[float, float]:
+    """Return between what the mean of chi-square variables over their degrees of freedom is with a probability.
+
+    Parameters
+    ----------
+    probability : float
+        Between 0 and 1; above the band and below it is half of the rest each.
+    dof : int
+        Degrees of freedom of each variable.
+    count : int
+        How many there are.
+    """
+    outside, total = (1 - probability) / 2, dof * count
+    return chi_square_limit(outside, total) / total, chi_square_limit(1 - outside, total) / total
+
+
 def huber_weight(distance: float, dof: int, config: GateConfig) -> float:
     """Return how much a measurement counts: 1 for ordinary ones, less the farther off it is.
 
@@ -73,8 +90,7 @@ def covariance_scale(ratios: Sequence[float], config: GateConfig) -> float:
     if count < config.adapt_from or count == 0:
         return 1.0
     mean = sum(last) / count
-    outside = (1 - config.adapt_probability) / 2
-    low, high = (chi_square_limit(p, 4 * count) / (4 * count) for p in (outside, 1 - outside))
+    low, high = mean_band(config.adapt_probability, 4, count)
     if mean > high:
         return min(mean, config.max_scale)
     if mean < low and count == config.adapt_over:

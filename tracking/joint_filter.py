@@ -224,13 +224,13 @@ def _joseph(
 
 def _by_size(joints: Sequence[Joint], step: Callable[[int, Sequence[int]], list[Joint]]) -> list[Joint]:
     """Do a step for all estimates of as many pallets at once; return them in their order."""
-    sizes: dict[int, list[int]] = {}
-    for i, joint in enumerate(joints):
-        sizes.setdefault(len(joint.keys), []).append(i)
-    if len(sizes) == 1:
-        return step(*next(iter(sizes.items())))
+    sizes = [len(joint.keys) for joint in joints]
+    different = set(sizes)
+    if len(different) == 1:
+        return step(sizes[0], range(len(joints)))
     found: dict[int, Joint] = {}
-    for count, group in sizes.items():
+    for count in different:
+        group = [i for i, size in enumerate(sizes) if size == count]
         found.update(zip(group, step(count, group), strict=True))
     return [found[i] for i in range(len(joints))]
 

@@ -121,19 +121,17 @@ def chain(motions: Sequence[Motion]) -> Motion:
     if not motions:
         return no_motion()
     steps = np.array([one.increment for one in motions])
-    heading = np.cumsum(steps[:, 2])
-    before = heading - steps[:, 2]
-    cos, sin = np.cos(before), np.sin(before)
-    ends = np.cumsum([cos * steps[:, 0] - sin * steps[:, 1], sin * steps[:, 0] + cos * steps[:, 1]], axis=1)
+    heading = steps[:, 2].cumsum()
+    turn = np.exp(1j * (heading - steps[:, 2]))  # places on the floor are x + iy: this turns them
+    ends = (turn * (steps[:, 0] + 1j * steps[:, 1])).cumsum()
+    swing = 1j * (ends[-1] - ends)
     by_step = np.zeros((len(motions), 3, 3))
-    by_step[:, 0, 0], by_step[:, 0, 1] = cos, -sin
-    by_step[:, 1, 0], by_step[:, 1, 1] = sin, cos
-    by_step[:, 2, 2] = 1.0
-    by_step[:, 0, 2] = ends[1] - ends[1, -1]
-    by_step[:, 1, 2] = ends[0, -1] - ends[0]
+    by_step[:, 0, 0] = by_step[:, 1, 1] = turn.real
+    by_step[:, 1, 0], by_step[:, 0, 1] = turn.imag, -turn.imag
+    by_step[:, 0, 2], by_step[:, 1, 2], by_step[:, 2, 2] = swing.real, swing.imag, 1.0
     covariances = by_step @ np.array([one.covariance for one in motions]) @ by_step.transpose(0, 2, 1)
     return Motion(
-        np.array([ends[0, -1], ends[1, -1], heading[-1]]),
+        np.array([ends[-1].real, ends[-1].imag, heading[-1]]),
         covariances.sum(axis=0),
         (by_step @ np.array([one.constants for one in motions])).sum(axis=0),
         sum(one.path for one in motions),

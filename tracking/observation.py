@@ -22,6 +22,7 @@ from tracking.faults import (
     covariance_faults,
     numbers,
 )
+from tracking.state import COMMON, POSE, SIZE
 
 COMPONENTS = ("x", "y", "z", "yaw")
 """Names of the four numbers of a pallet's pose, in their order."""
@@ -65,6 +66,8 @@ class Observation:
     """(k, k) their covariance, inflated."""
     common: FloatArray
     """(k, 4) what a unit of the error moves that this pallet's measurements share, along the pallet's axes."""
+    H: FloatArray
+    """(k, 10) derivative of the values by the pallet's state (`tracking.state`)."""
     own: FloatArray
     """(k, k) covariance of the rest, which is new in every measurement."""
     place: tuple[float, float, float] | None
@@ -188,11 +191,13 @@ def _ready(
     covariances = errors.inflation * (covariances + covariances.transpose(0, 2, 1)) / 2
     if components[-1] == YAW:
         values[:, -1] = wrap_angle(values[:, -1])
-    poses = [np.zeros(0) if one.pose is None else one.pose.as_array() + 0.0 for one in group]
-    headings = np.array([0.0 if one.pose is None else one.pose.yaw for one in group])
-    commons = _commons(covariances, components, headings, errors)
+    given = [one.pose or LevelPose(0.0, 0.0, 0.0, 0.0) for one in group]
+    poses = np.array([(pose.x, pose.y, pose.z, pose.yaw) for pose in given]) + 0.0
+    commons = _commons(covariances, components, poses[:, YAW], errors)
     owns = covariances - commons @ commons.transpose(0, 2, 1)
-    rows = zip(group, values, covariances, commons, owns, poses, strict=True)
+    by_state = np.zeros((len(group), len(components), SIZE))
+    by_state[:, :, POSE], by_state[:, :, COMMON] = picked(components), commons
+    rows = zip(group, values, covariances, commons, by_state, owns, poses, strict=True)
     return [
         Observation(
             one.source.time - errors.latency_s,
@@ -201,18 +206,20 @@ def _ready(
             value,
             covariance,
             common,
+            H,
             own,
             None if one.pose is None else (one.pose.x, one.pose.y, one.pose.z),
-            _order(one.source.model, components, value, np.concatenate((value, covariance.ravel(), pose))),
+            _order(one.source.model, components, value, covariance, pose[:0] if one.pose is None else pose),
             one.source,
         )
-        for one, value, covariance, common, own, pose in rows
+        for one, value, covariance, common, H, own, pose in rows
     ]
 
 
-def _order(model: str, components: tuple[int, ...], values: FloatArray, said: FloatArray) -> str:
+def _order(model: str, components: tuple[int, ...], values: FloatArray, *others: FloatArray) -> str:
     """Return a text by which observations of a shot are put in order: the nearest ahead first."""
-    return f"{model} {components} {values[0] + LARGEST:014.6f} {said.tobytes().hex()}"
+    said = b"".join(one.tobytes() for one in (values, *others))
+    return f"{model} {components} {values[0] + LARGEST:014.6f} {said.hex()}"
 
 
 def _commons(

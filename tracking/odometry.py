@@ -137,21 +137,19 @@ class OdometryNoise:
             on a curve, to the second order of the turn.
         """
         increment = twist.after(duration)
+        x, y, turn = increment.tolist()
         path = math.hypot(twist.forward, twist.left) * duration
         # a turn's error comes about evenly over the motion: its mean swings half of what is travelled in it,
         # and what varies in it a twelfth of its square
-        swing = np.array([-increment[1] / 2, increment[0] / 2, 1.0])
         if rates is None:
             local = self._local(path, abs(twist.turn) * duration, duration)
         else:
             local = rates * sample * duration
-        cos, sin = math.cos(increment[2] / 2), math.sin(increment[2] / 2)  # the mean heading
-        by_local = np.array([[cos, -sin, swing[0]], [sin, cos, swing[1]], [0.0, 0.0, 1.0]])
-        constants = np.array(
-            [[increment[0], duration * swing[0]], [increment[1], duration * swing[1]], [0, duration]]
-        )
-        aside = np.array([-increment[1], increment[0], 0.0])
-        covariance = by_local @ local @ by_local.T + local[2, 2] / 12 * np.outer(aside, aside)
+        cos, sin = math.cos(turn / 2), math.sin(turn / 2)  # the mean heading
+        by_local = np.array([[cos, -sin, -y / 2], [sin, cos, x / 2], [0.0, 0.0, 1.0]])
+        constants = np.array([[x, -y / 2 * duration], [y, x / 2 * duration], [0.0, duration]])
+        aside = np.array([-y, x, 0.0])
+        covariance = by_local.dot(local).dot(by_local.T) + local[2, 2] / 12 * aside[:, None] * aside
         return Motion(increment, covariance, constants, path, duration)
 
     def _local(self, path: float, turned: float, duration: float) -> FloatArray:

@@ -47,7 +47,7 @@ class DrivenPath:
         self._samples: list[Odometry] = []
         self._times: list[float] = []
         self._legs: list[_Leg] = []
-        self._kept: dict[tuple[float, float], Motion | None] = {}
+        self._kept: dict[tuple[float, float], Motion] = {}
 
     def __len__(self) -> int:
         """Return how many samples are kept."""
@@ -137,13 +137,14 @@ class DrivenPath:
         Motion or None
             None where the samples do not reach that far.
         """
-        if not (self.reaches(start) and self.reaches(end)):
-            return None
-        if (start, end) not in self._kept:
+        found = self._kept.get((start, end))
+        if found is None and self.reaches(start) and self.reaches(end):
+            found = self.extrapolated(start, end)
             if len(self._kept) >= MOST_KEPT:
                 self._kept.clear()
-            self._kept[start, end] = self.extrapolated(start, end)
-        return self._kept[start, end]
+            if found is not None:
+                self._kept[start, end] = found
+        return found
 
     def extrapolated(self, start: float, end: float) -> Motion | None:
         """Return the motion between two times however far beyond the samples; None before any sample."""
@@ -241,12 +242,11 @@ class DrivenPath:
         """Return the motion on a leg from a time, or its begin, to a time, or its end."""
         if leg < 0 or leg >= len(self._legs):
             return self._beyond(leg, start, end)
-        if start is None and end is None:
-            return self._legs[leg].whole
-        before, after = self._times[leg], self._times[leg + 1]
+        one, before, after = self._legs[leg], self._times[leg], self._times[leg + 1]
         begin = before if start is None else start
         finish = after if end is None else end
-        one = self._legs[leg]
+        if begin == before and finish == after:
+            return one.whole
         motion = self._moved(one.twist, one.known, self._samples[leg + 1].covariance, after - before, finish - begin)
         return _with_noise(
             motion, sum(self._noise.between_samples(cut - before, after - cut) for cut in (begin, finish))

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass, replace
+from operator import attrgetter
 
 from tracking.belief import Belief, Rules
 from tracking.foreseen import Foreseen
@@ -15,6 +16,8 @@ from tracking.motion import no_motion
 from tracking.observation import Observation
 from tracking.path import DrivenPath
 from tracking.step import advance, carried, waiting
+
+_ORDER = attrgetter("order")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,13 +31,13 @@ class Look:
 
     def holds(self, observation: Observation) -> bool:
         """Tell whether it has an observation that says the same."""
-        at = bisect_left(self.observations, observation.order, key=lambda one: one.order)
+        at = bisect_left(self.observations, observation.order, key=_ORDER)
         return at < len(self.observations) and self.observations[at].order == observation.order
 
     def plus(self, observation: Observation) -> Look:
         """Return the look with one more observation in its place."""
-        at = bisect_left(self.observations, observation.order, key=lambda one: one.order)
-        return replace(self, observations=(*self.observations[:at], observation, *self.observations[at:]))
+        at = bisect_left(self.observations, observation.order, key=_ORDER)
+        return Look(self.time, (*self.observations[:at], observation, *self.observations[at:]))
 
 
 class Replay:
@@ -126,7 +129,7 @@ class Replay:
         are asked for at the next shot or when an older input can come no more.
         """
         window, steps = self._rules.config.window.window_s, list[Belief]()
-        while belief.time is not None:
+        while belief.time is not None and belief.time + window + window < until:
             following = self.path.first_after(belief.time)
             if following is None:
                 break

@@ -131,4 +131,6 @@ def corrected(
 
 def symmetric(matrices: FloatArray) -> FloatArray:
     """Return the symmetric parts of matrices."""
-    return (matrices + matrices.swapaxes(-1, -2)) / 2
+    found = matrices + matrices.swapaxes(-1, -2)
+    found *= 0.5
+    return found

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from operator import attrgetter
 
 import numpy as np
 
@@ -23,6 +24,8 @@ from tracking.joint import regrouped
 from tracking.motion import Motion
 from tracking.observation import ALL, Observation
 from tracking.track import Key, Rival, Track, floor_sigma
+
+_KEY = attrgetter("key")
 
 
 def carried(before: Belief, motion: Motion, time: float, rules: Rules) -> Belief:
@@ -76,14 +79,15 @@ def advance(foreseen: Foreseen, observations: Sequence[Observation], rules: Rule
     }
     known = len(tracks)
     renewed: list[Key] = []
-    for i in sorted(set(range(len(observations))) - fates.keys()):
-        fates[i] = _left_over(foreseen, observations[i], tracks, renewed, rules)
+    for i, one in enumerate(observations):
+        if i not in fates:
+            fates[i] = _left_over(foreseen, one, tracks, renewed, rules)
     vague = {one.key: why for one in tracks if one.misses and (why := one.vague(rules.config.life))}
     kept = [track for track in tracks if track.key not in vague]
     merged: list[tuple[Key, str]] = []
     if not foreseen.are_apart(kept):
         kept, merged = _exclusive(kept, rules)
-    kept.sort(key=lambda one: one.key)
+    kept.sort(key=_KEY)
     if renewed or not known == len(tracks) == len(kept):
         fresh = {track.key for track in tracks[known:]}.union(renewed)
         began = [(track.key, track.state) for track in kept if track.key in fresh]

@@ -23,8 +23,8 @@ SUPPORT = 0.4
 """Part of the cuts in a stretch, of all lines together, that show their edges where nothing is hidden, over what is
 usual."""
 USUAL, LEAST_USUAL = 0.75, 0.5
-"""Quantile over the stretches of the part of cuts that show their edges, and the least that counts: what nothing hides
-shows as many, fewer in noise."""
+"""Quantile over the stretches of the part of cuts that show their edges, and the least that counts: what nothing
+hides shows as many, fewer in noise."""
 VOTERS = 2
 """Fewest lines that must vote on a stretch."""
 ALIKE = 3.0

@@ -145,6 +145,20 @@ def test_a_start_next_to_what_was_measured_is_not_tried_again(pair: ShotView, t1
     assert tried == [LEFT]
 
 
+def test_a_start_next_to_a_fit_that_was_refused_is_tried(pair: ShotView, t11: PalletModel) -> None:
+    tried: list[LevelPose] = []
+
+    def prepare(attempt: Candidate, start: LevelPose) -> LevelPose:
+        if not tried:
+            attempt.refuse(Stage.VERIFICATION, Reason.FEW_EDGES)
+        tried.append(start)
+        return start
+
+    beside = replace(LEFT, x=LEFT.x + 0.01, yaw=LEFT.yaw + 0.01)
+    keep_best(pair, Candidate(t11, LEFT, None), with_views(pair, [LEFT, beside]), prepare, True, CONFIG)
+    assert tried == [LEFT, beside]
+
+
 def test_the_fit_begins_where_the_preparation_says(pair: ShotView, t11: PalletModel) -> None:
     candidate = Candidate(t11, LEFT, FLOOR)
     keep_best(pair, candidate, with_views(pair, [LEFT]), lambda _, __: RIGHT, False, CONFIG)

@@ -68,16 +68,45 @@ def test_the_pose_is_found_as_well_as_its_covariance_says(
     assert found.doubt < 2.5
 
 
-def test_a_fit_ends_where_another_start_has_led(
-    portrait: Portrait, t11: PalletModel, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    shot, measured = portrait(t11, POSE), []
+@pytest.fixture
+def measured(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """Return a list that gets an entry for each time that a face is measured."""
+    calls: list[Any] = []
 
     def counted(*given: Any) -> SeenFace | None:
-        measured.append(given)
+        calls.append(given)
         return measure_face(*given)
 
     monkeypatch.setattr(alignment, "measure_face", counted)
+    return calls
+
+
+def test_from_the_result_of_another_fit_one_round_may_do(
+    measured: list[Any], portrait: Portrait, t11: PalletModel
+) -> None:
+    shot = portrait(t11, POSE)
+    there = estimate(shot, t11)
+    for start, least, most in ((there.forklift_from_pallet, 1, 1), (moved(POSE, 0.008, -0.012), 2, 5)):
+        measured.clear()
+        found = fit_face(
+            shot.projector.camera,
+            shot.image,
+            shot.mounting,
+            start,
+            t11,
+            FLOOR,
+            TRUE_YAW,
+            0.1,
+            FaceFitConfig(),
+            arrived=True,
+        )
+        assert isinstance(found, FaceEstimate)
+        assert least <= len(measured) <= most
+        assert same_pose(found.forklift_from_pallet, there.forklift_from_pallet)
+
+
+def test_a_fit_ends_where_another_start_has_led(measured: list[Any], portrait: Portrait, t11: PalletModel) -> None:
+    shot = portrait(t11, POSE)
     restless = FaceFitConfig(small_motion=0.0)
     there = estimate(shot, t11).forklift_from_pallet
     rounds = []

@@ -87,6 +87,17 @@ def test_a_stretch_where_all_lines_are_lost_is_found(instead: str, left: float, 
     assert found[0] == pytest.approx((left, right), abs=REACHED)
 
 
+@pytest.mark.parametrize("shown", [0.35, 0.5])
+def test_in_noise_fewer_cuts_show_what_nothing_hides(shown: float) -> None:
+    face, ends = Face.drawn(), (-0.4, -0.1)
+    noise = np.random.default_rng(0).random(face.strength.shape) > shown
+    face.strength[noise & (face.strength > 0)] = 0.0
+    assert face.hidden() == ()
+    face.lose(*ends)
+    (found,) = face.hidden()
+    assert found == pytest.approx(ends, abs=REACHED)
+
+
 def test_two_stretches_are_told_apart() -> None:
     face, lost = Face.drawn(), [(-0.4, -0.2), (0.15, 0.4)]
     for left, right in lost:

@@ -66,7 +66,9 @@ def keep_best(
     """
     attempts: list[Candidate] = []
     for start, patch in starts:
-        if any(one.pose is not None and one.refusal is None and _near(start, one.pose) for one in attempts):
+        # a refused fit may have taken a line for its neighbour; at any height, though, too much looks like a pallet
+        ruling = [one.pose for one in attempts if one.refusal is None or candidate.height is None]
+        if any(pose is not None and _near(start, pose) for pose in ruling):
             continue  # it would lead to the same pose
         if not _may_be_pallet(patch, start, candidate, config):
             continue  # most places that are not a pallet end here

@@ -145,7 +145,10 @@ def test_a_start_next_to_what_was_measured_is_not_tried_again(pair: ShotView, t1
     assert tried == [LEFT]
 
 
-def test_a_start_next_to_a_fit_that_was_refused_is_tried(pair: ShotView, t11: PalletModel) -> None:
+@pytest.mark.parametrize("height", [FLOOR, None], ids=["floor", "any"])
+def test_a_start_next_to_a_fit_that_was_refused_is_tried_on_a_level(
+    height: HeightPrior | None, pair: ShotView, t11: PalletModel
+) -> None:
     tried: list[LevelPose] = []
 
     def prepare(attempt: Candidate, start: LevelPose) -> LevelPose:
@@ -155,8 +158,8 @@ def test_a_start_next_to_a_fit_that_was_refused_is_tried(pair: ShotView, t11: Pa
         return start
 
     beside = replace(LEFT, x=LEFT.x + 0.01, yaw=LEFT.yaw + 0.01)
-    keep_best(pair, Candidate(t11, LEFT, None), with_views(pair, [LEFT, beside]), prepare, True, CONFIG)
-    assert tried == [LEFT, beside]
+    keep_best(pair, Candidate(t11, LEFT, height), with_views(pair, [LEFT, beside]), prepare, True, CONFIG)
+    assert tried == ([LEFT, beside] if height else [LEFT])
 
 
 def test_the_fit_begins_where_the_preparation_says(pair: ShotView, t11: PalletModel) -> None:

@@ -24,7 +24,7 @@ from palletloc.io.measurements import (
 )
 from palletloc.io.reading import InputError, read_bytes, read_text
 from palletloc.io.recording import Recording, Shot
-from palletloc.measurement import PalletMeasurement, Refusal
+from palletloc.measurement import PalletMeasurement, RefusedCandidate
 
 MEASUREMENTS, REFUSALS, STATUS, JOURNAL = "measurements.csv", "refusals.csv", "run.json", ".unfinished.jsonl"
 """Names of the files in the folder."""
@@ -150,7 +150,7 @@ class RunFolder:
             if number not in self._done:
                 yield number, shot
 
-    def add(self, number: int, rows: Sequence[PalletMeasurement | NoPose], refusals: Sequence[Refusal]) -> None:
+    def add(self, number: int, rows: Sequence[PalletMeasurement | NoPose], refusals: Sequence[RefusedCandidate]) -> None:
         """Keep what a shot gave.
 
         Parameters
@@ -159,7 +159,7 @@ class RunFolder:
             Of the shot, as `remaining` gives it.
         rows : sequence of PalletMeasurement and NoPose
             Its rows of measurements.csv.
-        refusals : sequence of Refusal
+        refusals : sequence of RefusedCandidate
             Its rows of refusals.csv.
 
         Raises

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palletloc.cameras.protocol import CameraModel
 from palletloc.face import EdgeKind, FaceEdge, FaceLine, contour_shift
-from palletloc.geometry import BoolArray, FloatArray, Image
+from palletloc.geometry import BoolArray, FloatArray, LevelPose
 from palletloc.pallet import Opening, PalletModel
 from palletloc.refinement.cuts import cuts_across
 from palletloc.refinement.profiles import Profiles, cut_profiles
+from palletloc.shot import Shot
 
 BOARD = 0.022
 """What boards may take of an opening's height inside, above and below, in metres."""
@@ -119,7 +119,7 @@ def _edge(model: PalletModel, corner: FloatArray, plane_from_camera: FloatArray)
     aside, above, before = (float(value) for value in plane_from_camera)
     scale = before / (before + depth)
     across = aside + (right - aside) * scale
-    opening = next((one for one in model.openings if one.left < across < one.right), None)
+    opening = next((opening for opening in model.openings if opening.left < across < opening.right), None)
     if opening is None:
         return None
     seen = _seen_height(opening, depth, plane_from_camera)
@@ -143,10 +143,8 @@ def _seen_height(opening: Opening, depth: float, plane_from_camera: FloatArray) 
 
 
 def find_depth_peaks(
-    camera: CameraModel,
-    image: Image,
-    camera_from_face: FloatArray,
-    plane_from_camera: FloatArray,
+    shot: Shot,
+    pose: LevelPose,
     model: PalletModel,
     edges: Sequence[DepthEdge],
     reach: FloatArray,
@@ -156,14 +154,10 @@ def find_depth_peaks(
 
     Parameters
     ----------
-    camera : CameraModel
-        The camera that took the image.
-    image : Image
+    shot : Shot
         The shot.
-    camera_from_face : (4, 4) array
-        The face's plane: x right, y up.
-    plane_from_camera : (3,) array
-        The camera's centre in the face's coordinates, in metres.
+    pose : LevelPose
+        ``forklift_from_pallet`` where the face was measured.
     model : PalletModel
         The pallet.
     edges : sequence of DepthEdge
@@ -183,9 +177,10 @@ def find_depth_peaks(
     if not chosen:
         return None
     cuts = cuts_across([FaceLine(edge.image.kind, (edge.image,), edge.image) for edge in chosen], pixel[1], pixel[1])
-    shift = np.array([_shift(edge, plane_from_camera, model.edge_radius) for edge in chosen])
+    camera = shot.camera_in(pose)
+    shift = np.array([_shift(edge, camera, model.edge_radius) for edge in chosen])
     sizes = np.tile([pixel], (len(chosen), 1))
-    profiles = cut_profiles(camera, image, camera_from_face, cuts, shift, reach[apart], sizes)
+    profiles = cut_profiles(shot, shot.camera_from_face(pose), cuts, shift, reach[apart], sizes)
     if not profiles.valid.all():
         return None
     places, shares = zip(*_peaks(profiles, [edge.outward for edge in chosen]), strict=True)

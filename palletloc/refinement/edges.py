@@ -13,11 +13,12 @@ import numpy as np
 from palletloc.cameras.protocol import CameraModel
 from palletloc.edge_fit import EdgeFit, EdgePeaks, fit_edges
 from palletloc.face import EdgeKind, EdgeShift, FaceEdge, edge_shift, face_lines
-from palletloc.geometry import FloatArray, Image
+from palletloc.geometry import FloatArray, LevelPose
 from palletloc.pallet import PalletModel
 from palletloc.refinement.cuts import face_cuts
 from palletloc.refinement.occlusion import Spans, hidden_spans, is_hidden, joined
 from palletloc.refinement.profiles import MARGIN, Profiles, Samples, cut_profiles
+from palletloc.shot import Shot
 
 SMOOTHING_PX = 1.0
 """Standard deviation of the smoothing along an edge, in pixels of the image."""
@@ -90,7 +91,7 @@ class SeenFace:
 
     def width_px(self, width: float) -> float:
         """Return how wide a face of so many metres is in the image, in pixels; 0 where no upright edge is seen."""
-        pixels = [one.pixel for one in self.edges if not one.edge.horizontal]
+        pixels = [edge.pixel for edge in self.edges if not edge.edge.horizontal]
         return width / float(np.median(pixels)) if pixels else 0.0
 
 
@@ -114,31 +115,21 @@ class EdgeReach:
 
 
 def measure_face(
-    camera: CameraModel,
-    image: Image,
-    camera_from_face: FloatArray,
-    plane_from_camera: FloatArray,
-    model: PalletModel,
-    reach: EdgeReach,
-    posts: Spans = (),
+    shot: Shot, pose: LevelPose, model: PalletModel, reach: EdgeReach, occluders: Spans = ()
 ) -> SeenFace | None:
     """Measure the edges of a face in the shot.
 
     Parameters
     ----------
-    camera : CameraModel
-        The camera that took the image.
-    image : Image
+    shot : Shot
         The shot.
-    camera_from_face : (4, 4) array
-        The face's plane where it is looked for: x right, y up.
-    plane_from_camera : (3,) array
-        The camera's centre in the face's coordinates, in metres.
+    pose : LevelPose
+        ``forklift_from_pallet`` where the face is looked for; the camera is before it.
     model : PalletModel
         The pallet.
     reach : EdgeReach
         How far to look.
-    posts : sequence of (left, right)
+    occluders : sequence of (left, right)
         Stretches of the face that something is seen to stand before, in metres.
 
     Returns
@@ -146,7 +137,8 @@ def measure_face(
     SeenFace or None
         With the edges of which enough is seen for a line; None where the camera does not see the whole face.
     """
-    right, up = _pixel_sizes(camera, camera_from_face, model)
+    camera_from_face, plane_from_camera = shot.camera_from_face(pose), shot.camera_in(pose)
+    right, up = _pixel_sizes(shot.camera, camera_from_face, model)
     if not math.isfinite(right + up):
         return None
     below = bool(plane_from_camera[1] < 0)
@@ -161,7 +153,7 @@ def measure_face(
     center = plane_from_camera.tolist()
     shifts = [edge_shift(line.whole, center, model) for line in cuts.lines]
     mean = np.array([shift.mean for shift in shifts])
-    profiles = cut_profiles(camera, image, camera_from_face, cuts, mean, far, pixel)
+    profiles = cut_profiles(shot, camera_from_face, cuts, mean, far, pixel)
     if not profiles.valid.all():
         return None
     peaks, fits = _fits(profiles, SMOOTHING_PX)
@@ -170,7 +162,7 @@ def measure_face(
         peaks, faint = _fits(profiles, FAINT_SMOOTHING_PX)
         fits = [_clearer(*both) for both in zip(fits, faint, strict=True)]
     belongs = np.maximum(BELONGS_PX * across, model.tolerance)
-    hidden = joined(hidden_spans(cuts, peaks, fits, belongs), posts) if reach.settled else joined(posts)
+    hidden = joined(hidden_spans(cuts, peaks, fits, belongs), occluders) if reach.settled else joined(occluders)
     usual = median([fit.strength for fit in fits if fit is not None] or [0.0])
     edges = tuple(
         MeasuredEdge(line.whole, fit, _sigma(fit, gap, model.tolerance, size, FAINT * usual), shift, size)
@@ -209,12 +201,12 @@ def _pixel_sizes(camera: CameraModel, camera_from_face: FloatArray, model: Palle
     return right, up
 
 
-def _apart(one: Sequence[float], other: Sequence[float], period: float | None) -> float:
+def _apart(pixel: Sequence[float], other: Sequence[float], period: float | None) -> float:
     """Return the distance of two pixels, the shorter way round where the image is closed."""
-    across = other[0] - one[0]
+    across = other[0] - pixel[0]
     if period is not None:
         across -= period * round(across / period)
-    return math.hypot(across, other[1] - one[1])
+    return math.hypot(across, other[1] - pixel[1])
 
 
 def _rung(size: float) -> float:

@@ -32,7 +32,7 @@ NOISE = 2.0
 """Differences below this are noise, in gray levels."""
 
 
-def seen_before(patch: FacePatch, model: PalletModel, pose: LevelPose, hidden: Spans) -> float:
+def explained_part(patch: FacePatch, model: PalletModel, pose: LevelPose, hidden: Spans) -> float:
     """Return which part of a face's width is hidden by something that itself is seen.
 
     An upright, a carton or a bin reaches below the face, or covers what is seen below it. Where edges are missing
@@ -71,13 +71,13 @@ def seen_before(patch: FacePatch, model: PalletModel, pose: LevelPose, hidden: S
     return total
 
 
-def posts(patch: FacePatch, model: PalletModel, pose: LevelPose) -> Spans:
+def visible_occluders(patch: FacePatch, model: PalletModel, pose: LevelPose) -> Spans:
     """Return the stretches of a face before which something stands that is seen on the face and below it.
 
     Parameters
     ----------
     patch, model, pose
-        As for `seen_before`.
+        As for `explained_part`.
 
     Returns
     -------

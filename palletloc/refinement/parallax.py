@@ -13,12 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palletloc.cameras.protocol import CameraModel
-from palletloc.geometry import FloatArray, Image
+from palletloc.geometry import FloatArray, LevelPose
 from palletloc.pallet import PalletModel
-from palletloc.refinement.depth_edges import DepthEdge, DepthPeaks, find_depth_peaks
+from palletloc.refinement.depth_edges import DepthPeaks, find_depth_peaks, visible_depth_edges
 from palletloc.refinement.edges import SeenFace
-from palletloc.refinement.system import FaceSolution, FaceSystem
+from palletloc.refinement.normal_equations import FaceSolution, FaceEquations
+from palletloc.shot import Shot
 
 SIDE_ERROR = 0.004
 """How far a block inside stands from its place along the face (one standard deviation), in metres."""
@@ -50,31 +50,20 @@ class Vote:
     """How much likelier the peaks are with a pallet on the ridge than without, as a logarithm."""
 
 
-def look_behind(
-    camera: CameraModel,
-    image: Image,
-    camera_from_face: FloatArray,
-    model: PalletModel,
-    edges: Sequence[DepthEdge],
-    system: FaceSystem,
-    alone: FaceSolution,
-    doubt: float,
+def add_depth_edges(
+    shot: Shot, pose: LevelPose, model: PalletModel, system: FaceEquations, alone: FaceSolution, doubt: float
 ) -> float:
     """Add to the least squares of a face what the edges behind it say, where they agree.
 
     Parameters
     ----------
-    camera : CameraModel
-        The camera that took the image.
-    image : Image
+    shot : Shot
         The shot.
-    camera_from_face : (4, 4) array
-        The face's plane where it was measured: x right, y up.
+    pose : LevelPose
+        ``forklift_from_pallet`` where the face was measured.
     model : PalletModel
         The pallet.
-    edges : sequence of DepthEdge
-        Those that the camera sees.
-    system : FaceSystem
+    system : FaceEquations
         Of the face; gets one more measurement.
     alone : FaceSolution
         Its solution by the face alone.
@@ -87,12 +76,12 @@ def look_behind(
         How much likelier the image is with the blocks where the pose has them, as a logarithm; 0 where they are not
         seen or do not agree, and nothing was added.
     """
-    plane_from_camera, pixel = system.seen.plane_from_camera, _pixel(system.seen)
-    if doubt > MOST_DOUBT or pixel is None:
+    edges, pixel = visible_depth_edges(model, system.seen.plane_from_camera), _pixel(system.seen)
+    if not edges or doubt > MOST_DOUBT or pixel is None:
         return 0.0
     spread = np.sqrt(system.spread_behind(edges, alone).diagonal())
     reach = np.clip(SEARCHED * spread + MARGIN, LEAST_REACH, MOST_REACH)
-    peaks = find_depth_peaks(camera, image, camera_from_face, plane_from_camera, model, edges, reach, pixel)
+    peaks = find_depth_peaks(shot, pose, model, edges, reach, pixel)
     if peaks is None:
         return 0.0
     ridge, sigma = _ridge(peaks, system.spread_behind(peaks.edges, alone), pixel[0])
@@ -107,8 +96,8 @@ def look_behind(
 
 def _pixel(seen: SeenFace) -> tuple[float, float] | None:
     """Return the size of a pixel of the image along the face's right and up; None where no upright edge is seen."""
-    across = [one.pixel for one in seen.edges if not one.edge.horizontal]
-    along = [one.pixel for one in seen.edges if one.edge.horizontal] or across
+    across = [edge.pixel for edge in seen.edges if not edge.edge.horizontal]
+    along = [edge.pixel for edge in seen.edges if edge.edge.horizontal] or across
     return (float(np.median(across)), float(np.median(along))) if across else None
 
 

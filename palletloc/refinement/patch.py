@@ -9,16 +9,13 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import RigidTransform
 
 from palletloc.geometry import BoolArray, FloatArray, Image, LevelPose, wrap_angle
 from palletloc.matching import Energy
 from palletloc.measurement import Reason
-from palletloc.plane import PALLET_FROM_VERTICAL, PlaneGrid, PlaneView, place_plane
-from palletloc.projection import Projector
+from palletloc.plane import PlaneView
+from palletloc.shot import MIN_DISTANCE, Extent, Shot
 
-MIN_DISTANCE = 0.2
-"""Least distance of the camera from the plane, in metres."""
 SMOOTHING = 0.006
 """Standard deviation of the smoothing before colours are compared, in metres."""
 WINDOW = (0.4, 0.2)
@@ -130,23 +127,14 @@ class FacePatch:
 
 
 def view_patch(
-    projector: Projector,
-    image: Image,
-    camera_from_forklift: RigidTransform,
-    base: LevelPose,
-    extent: tuple[float, float, float, float],
-    resolution: float,
+    shot: Shot, base: LevelPose, extent: Extent, resolution: float
 ) -> FacePatch | Reason:
     """Project the surroundings of a face on its plane.
 
     Parameters
     ----------
-    projector : Projector
-        Of the camera that took the image.
-    image : Image
+    shot : Shot
         The shot.
-    camera_from_forklift : RigidTransform
-        Inverse of the camera's mounting.
     base : LevelPose
         ``forklift_from_pallet`` of a face on the plane.
     extent : (left, right, low, high)
@@ -159,13 +147,10 @@ def view_patch(
     FacePatch or Reason
         `Reason.BEHIND_FACE` where the camera is not before the plane, `Reason.OUT_OF_VIEW` where it sees little.
     """
-    camera_from_plane = place_plane(camera_from_forklift, base, PALLET_FROM_VERTICAL)
-    matrix = camera_from_plane.as_matrix()
-    camera = -matrix[:3, :3].T @ matrix[:3, 3]
+    camera = shot.camera_in(base)
     if camera[2] < MIN_DISTANCE:
         return Reason.BEHIND_FACE
-    grid = PlaneGrid.spanning(*extent, resolution)
-    view = projector.view(image, camera_from_plane, grid)
+    view = shot.vertical_view(base, extent, resolution)
     seen = np.count_nonzero(view.valid)
     if seen < 0.5 * view.valid.size:
         return Reason.OUT_OF_VIEW

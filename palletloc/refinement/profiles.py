@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palletloc.cameras.protocol import CameraModel
-from palletloc.geometry import BoolArray, FloatArray, Image
+from palletloc.geometry import BoolArray, FloatArray
 from palletloc.refinement.cuts import FaceCuts
+from palletloc.shot import Shot
 
 STEP_PX = 0.5
 """Samples of a profile lie at most this far apart, in pixels of the image."""
@@ -68,8 +69,7 @@ class Profiles:
 
 
 def cut_profiles(
-    camera: CameraModel,
-    image: Image,
+    shot: Shot,
     camera_from_face: FloatArray,
     cuts: FaceCuts,
     shift: FloatArray,
@@ -80,9 +80,7 @@ def cut_profiles(
 
     Parameters
     ----------
-    camera : CameraModel
-        The camera that took the image.
-    image : (height, width) or (height, width, 3) array
+    shot : Shot
         The shot.
     camera_from_face : (4, 4) array
         The face's plane: x right, y up.
@@ -102,11 +100,11 @@ def cut_profiles(
     """
     half = min(max(math.ceil(float((reach / pixel[:, 0]).max()) / STEP_PX), 4), MOST_SAMPLES)
     steps = np.arange(-half - MARGIN, half + MARGIN + 1) / half
-    middle, away, valid = _places(camera, camera_from_face, cuts, shift, reach)
-    first, way, parts = (one.astype(np.float32) for one in (middle, away, steps))
+    middle, away, valid = _places(shot.camera, camera_from_face, cuts, shift, reach)
+    first, way, parts = (part.astype(np.float32) for part in (middle, away, steps))
     columns, rows = (first[:, axis, None] + parts * way[:, axis, None] for axis in (0, 1))
-    border = cv2.BORDER_REPLICATE if camera.period_px is None else cv2.BORDER_WRAP
-    sampled = np.asarray(cv2.remap(image, columns, rows, cv2.INTER_LINEAR, borderMode=border), dtype=np.float32)
+    border = cv2.BORDER_REPLICATE if shot.camera.period_px is None else cv2.BORDER_WRAP
+    sampled = np.asarray(cv2.remap(shot.image, columns, rows, cv2.INTER_LINEAR, borderMode=border), dtype=np.float32)
     return Profiles(cuts, sampled, steps, valid, reach, pixel)
 
 

@@ -6,7 +6,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from palletloc.cameras import CameraModel, Equirectangular, KannalaBrandt, Pinhole
 from palletloc.geometry import FloatArray
-from palletloc.pixel_size import pixel_sizes
+from palletloc.projection import pixel_sizes
 from palletloc.plane import PALLET_FROM_HORIZONTAL, PALLET_FROM_VERTICAL
 
 CAMERAS: dict[str, CameraModel] = {

@@ -12,7 +12,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from palletloc.cameras import CameraModel, DualFisheye, Equirectangular, FisheyeLens, KannalaBrandt, Pinhole
 from palletloc.geometry import BoolArray, FloatArray, Image
 from palletloc.pallet import Opening, PalletModel
-from palletloc.pixel_size import pixel_sizes
+from palletloc.projection import pixel_sizes
 from palletloc.plane import PALLET_FROM_VERTICAL
 from palletloc.refinement.cuts import FaceCuts, face_cuts
 from palletloc.refinement.profiles import Profiles, cut_profiles

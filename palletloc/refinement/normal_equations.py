@@ -61,7 +61,7 @@ class FaceSolution:
     """(unknowns, unknowns) their inverse covariance."""
 
 
-class FaceSystem:
+class FaceEquations:
     """Rows of the least squares; offsets of the edges come first.
 
     Parameters

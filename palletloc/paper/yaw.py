@@ -14,16 +14,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palletloc.boundary import BoundaryLine, boundary_lines
+from palletloc.cameras.protocol import CameraModel
+from palletloc.paper.boundary import BoundaryLine, boundary_lines
 from palletloc.edge_fit import EdgeFit, edge_peaks, fit_edges, join_peaks
 from palletloc.face import EdgeKind, FaceEdge, edge_shift, face_lines
 from palletloc.geometry import LevelPose, wrap_angle
-from palletloc.horizontal_view import MAX_DEPTH, BoundaryMethod, HorizontalView, YawConfig, line_up
+from palletloc.paper.horizontal_view import MAX_DEPTH, BoundaryMethod, HorizontalView, YawConfig, line_up
 from palletloc.matching import Energy, gradient_across
 from palletloc.measurement import Reason, YawSource
 from palletloc.pallet import PalletModel
-from palletloc.pixel_size import pixel_sizes
-from palletloc.projection import Projector
+from palletloc.projection import pixel_sizes
+from palletloc.shot import Shot
 
 SMOOTHING_PIXELS = np.array([0.6, 1.5])
 """Smoothing before the gradient across and along an edge, in pixels of the camera's image."""
@@ -99,14 +100,14 @@ def find_lines(seen: HorizontalView, config: YawConfig) -> list[BoundaryLine]:
 
 
 def measure_line(
-    projector: Projector, seen: HorizontalView, line: BoundaryLine, model: PalletModel, config: YawConfig
+    shot: Shot, seen: HorizontalView, line: BoundaryLine, model: PalletModel, config: YawConfig
 ) -> EdgeFit | None:
     """Measure a line that the Hough transform found, to a fraction of a pixel.
 
     Parameters
     ----------
-    projector : Projector
-        Of the camera.
+    shot : Shot
+        The shot.
     seen : HorizontalView
         The view that the line was found on.
     line : BoundaryLine
@@ -123,7 +124,7 @@ def measure_line(
     """
     half = model.width / 2
     slope = float(np.tan(line.turn))
-    measured = _gradient(projector, seen, line.up)
+    measured = _gradient(shot.camera, seen, line.up)
     if measured is None:
         return None
     gradient, across, along = measured
@@ -135,18 +136,14 @@ def measure_line(
 
 
 def measure_yaw(
-    projector: Projector,
-    seen: HorizontalView,
-    start: LevelPose,
-    model: PalletModel,
-    config: YawConfig,
+    shot: Shot, seen: HorizontalView, start: LevelPose, model: PalletModel, config: YawConfig
 ) -> YawEstimate | Reason:
     """Measure the yaw by sub-pixel lines along every level edge of the face: they vote.
 
     Parameters
     ----------
-    projector : Projector
-        Of the camera.
+    shot : Shot
+        The shot.
     seen : HorizontalView
         Placed with the start's yaw, which must be right to a degree or two.
     start : LevelPose
@@ -161,8 +158,8 @@ def measure_yaw(
     YawEstimate or Reason
         `Reason.NO_LINE` where no edge is seen well enough.
     """
-    measured = _gradient(projector, seen, 0.0)
-    voters = _voters(projector, model, seen)
+    measured = _gradient(shot.camera, seen, 0.0)
+    voters = _voters(shot.camera, model, seen)
     if measured is None or not voters:
         return Reason.NO_LINE
     gradient, _, _ = measured
@@ -187,13 +184,13 @@ def measure_yaw(
     return _poll(votes, start, config)
 
 
-def _gradient(projector: Projector, seen: HorizontalView, up: float) -> tuple[Energy, float, float] | None:
+def _gradient(camera: CameraModel, seen: HorizontalView, up: float) -> tuple[Energy, float, float] | None:
     """Return the gradient across level lines, and the size of the camera's pixels across and along them.
 
     None where the camera does not see the lines' middle.
     """
     across, along = pixel_sizes(
-        projector.camera,
+        camera,
         seen.view.camera_from_plane,
         np.full((2, 2), [0.0, up]),
         np.array([[0.0, 1.0], [1.0, 0.0]]),
@@ -208,7 +205,7 @@ def _gradient(projector: Projector, seen: HorizontalView, up: float) -> tuple[En
     )
 
 
-def _voters(projector: Projector, model: PalletModel, seen: HorizontalView) -> list[_Voter]:
+def _voters(lens: CameraModel, model: PalletModel, seen: HorizontalView) -> list[_Voter]:
     """Return the level lines that can be measured, and where the view shows them."""
     camera = seen.plane_from_camera
     face_from_camera = np.array([camera[0], camera[2] + seen.height, -camera[1]])
@@ -224,8 +221,8 @@ def _voters(projector: Projector, model: PalletModel, seen: HorizontalView) -> l
     ]
     ups = np.array([line_up(height - seen.height, camera) for height in heights])
     middles = np.stack([np.zeros_like(ups), ups], axis=1)
-    across = pixel_sizes(projector.camera, seen.view.camera_from_plane, middles, UPWARD)
-    along = pixel_sizes(projector.camera, seen.view.camera_from_plane, middles, np.array([1.0, 0.0]))
+    across = pixel_sizes(lens, seen.view.camera_from_plane, middles, UPWARD)
+    along = pixel_sizes(lens, seen.view.camera_from_plane, middles, np.array([1.0, 0.0]))
     voters = []
     for line, height, up, wide, long in zip(lines, heights, ups, across, along, strict=True):
         scale = camera[2] / (camera[2] - height + seen.height)

@@ -1,0 +1,219 @@
+"""The methods to compare with: the paper's chain, as it is written and with lines to a fraction of a pixel."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from palletloc.candidate import Candidate, Fit, Refusal
+from palletloc.config import LocalizerConfig
+from palletloc.fitting import FitStart, fit_from_starts
+from palletloc.geometry import FloatArray, LevelPose, wrap_angle
+from palletloc.measurement import Reason, Stage, YawSource
+from palletloc.pallet import PalletModel
+from palletloc.paper.boundary import BoundaryLine
+from palletloc.paper.horizontal_view import horizontal_source, view_horizontal
+from palletloc.paper.joint_search import search_jointly
+from palletloc.paper.position import sweep
+from palletloc.paper.yaw import find_lines, measure_line, measure_yaw
+from palletloc.refinement.face_fit import YawPrior
+from palletloc.refinement.patch import FacePatch, view_patch
+from palletloc.shot import Shot
+
+NEAR_PEAK = 0.95
+"""Hypotheses that score this part of the best one are taken for as good: the spread of the covariance."""
+GLANCE_RESOLUTION = 0.006
+"""Metres per pixel of the view that tells most places from a pallet at a glance."""
+MARGIN = 0.08
+"""What that view shows beyond the face, in metres."""
+LONG = 0.5
+"""Part of the longest line's votes from which on another line may be the face's, too."""
+SMALL_TURN_DEG = 0.1
+"""Correction of the yaw below which the horizontal plane is not placed again, in degrees."""
+
+
+def measure_on_planes(shot: Shot, candidate: Candidate, config: LocalizerConfig) -> Fit | Refusal:
+    """Measure a candidate: yaw (B), position (C), yaw again where the position puts the plane, then the edges.
+
+    Parameters
+    ----------
+    shot : Shot
+        The shot.
+    candidate : Candidate
+        Where a pallet may stand.
+    config : LocalizerConfig
+        Parameters.
+
+    Returns
+    -------
+    Fit or Refusal
+        With lines, horizontal views, sweep and yaw among its steps.
+    """
+    hidden = shot.out_of_sight(candidate.start, config.farthest_start)
+    if hidden is not None:
+        return Refusal(candidate, Stage.START, hidden)
+    model = candidate.model
+    source = horizontal_source(model, shot.camera_in(candidate.start), config.yaw)
+    turned, steps = _line_yaw(shot, candidate, source, config)
+    swept = sweep(shot, turned, model, candidate.height, source is not YawSource.FACE, config.position)
+    if isinstance(swept, Reason):
+        return Refusal(candidate, Stage.POSITION, swept, None, steps)
+    weak = source is YawSource.FACE or candidate.height is None
+
+    def prepared(peak: LevelPose) -> FitStart:
+        return _voted_yaw(shot, model, source, FitStart(peak, YawSource.FACE, steps=(*steps, swept)), config)
+
+    return fit_from_starts(shot, candidate, _surroundings(shot, model, swept.peaks), prepared, weak, config)
+
+
+def _surroundings(
+    shot: Shot, model: PalletModel, poses: Iterable[LevelPose]
+) -> Iterator[tuple[LevelPose, FacePatch]]:
+    """Yield poses with a view of each, where there is one."""
+    half, high = model.width / 2 + MARGIN, model.height + MARGIN
+    for pose in poses:
+        patch = view_patch(shot, pose, (-half, half, -MARGIN, high), GLANCE_RESOLUTION)
+        if not isinstance(patch, Reason):
+            yield pose, patch
+
+
+def _line_yaw(
+    shot: Shot, candidate: Candidate, source: YawSource, config: LocalizerConfig
+) -> tuple[LevelPose, tuple[object, ...]]:
+    """Turn the start by the boundary line next to the view's centre, found by Hough and measured by its peaks.
+
+    Returns it with the view and the lines that were found.
+    """
+    start = candidate.start
+    if source is YawSource.FACE:
+        return start, ()
+    seen = view_horizontal(shot, start, candidate.model, source, config.yaw)
+    lines = find_lines(seen, config.yaw)
+    line = nearest_line(lines)
+    if line is None:
+        return start, (seen, *lines)
+    fit = measure_line(shot, seen, line, candidate.model, config.yaw)
+    turn = line.turn if fit is None else float(np.arctan(fit.slope))
+    return replace(start, yaw=wrap_angle(start.yaw + turn)), (seen, *lines)
+
+
+def nearest_line(lines: list[BoundaryLine]) -> BoundaryLine | None:
+    """Return the line nearest to the view's centre among those that are nearly as long as the longest."""
+    if not lines:
+        return None
+    longest = max(line.votes for line in lines)
+    return min((line for line in lines if line.votes >= LONG * longest), key=lambda line: abs(line.up))
+
+
+def _voted_yaw(
+    shot: Shot, model: PalletModel, source: YawSource, start: FitStart, config: LocalizerConfig
+) -> FitStart:
+    """Measure the yaw by all level edges, twice: the second plane is placed by the first's result."""
+    if source is YawSource.FACE:
+        return start
+    pose, steps = start.pose, start.steps
+    for _ in range(2):
+        seen = view_horizontal(shot, pose, model, source, config.yaw)
+        estimate = measure_yaw(shot, seen, pose, model, config.yaw)
+        if isinstance(estimate, Reason):
+            return replace(start, pose=pose, steps=steps)
+        steps = (*steps, seen)
+        turned = abs(wrap_angle(estimate.yaw - pose.yaw))
+        pose = replace(pose, yaw=estimate.yaw)
+        if turned < np.radians(SMALL_TURN_DEG):
+            break
+    up = model.height if estimate.source is YawSource.TOP else 0.0
+    return FitStart(pose, estimate.source, YawPrior(estimate.sigma, up), (*steps, estimate))
+
+
+def measure_as_in_paper(shot: Shot, candidate: Candidate, config: LocalizerConfig) -> Fit | Refusal:
+    """Measure a candidate as the paper states it: Hough's angle twice, then the sweep without a height prior.
+
+    Parameters
+    ----------
+    shot : Shot
+        The shot.
+    candidate : Candidate
+        Where a pallet may stand.
+    config : LocalizerConfig
+        Parameters.
+
+    Returns
+    -------
+    Fit or Refusal
+        The paper has no pose for a pallet level with the camera.
+    """
+    hidden = shot.out_of_sight(candidate.start, config.farthest_start)
+    if hidden is not None:
+        return Refusal(candidate, Stage.START, hidden)
+    model = candidate.model
+    source = horizontal_source(model, shot.camera_in(candidate.start), config.yaw)
+    if source is YawSource.FACE:
+        return Refusal(candidate, Stage.YAW, Reason.NO_LINE)
+    pose = candidate.start
+    views: tuple[object, ...] = ()
+    lines: tuple[BoundaryLine, ...] = ()
+    for _ in range(2):
+        seen = view_horizontal(shot, pose, model, source, config.yaw)
+        views = (*views, seen)
+        line = nearest_line(find_lines(seen, config.yaw))
+        if line is None:
+            return Refusal(candidate, Stage.YAW, Reason.NO_LINE, None, (*views, *lines))
+        lines = (line,)
+        pose = replace(pose, yaw=wrap_angle(pose.yaw + line.turn))
+    steps = (*views, *lines)
+    swept = sweep(shot, pose, model, None, True, config.position)
+    if isinstance(swept, Reason):
+        return Refusal(candidate, Stage.POSITION, swept, None, steps)
+    depth = swept.depth[swept.score >= NEAR_PEAK * swept.best]
+    # one pixel of the edge image over the face's width is what the Hough transform resolves
+    yaw_sigma = max(config.yaw.resolution / model.width, np.radians(config.yaw.hough_step_deg))
+    covariance = _spread(
+        shot, swept.peaks[0], float(np.ptp(depth)), config.position.sweep_resolution, float(yaw_sigma)
+    )
+    scored = replace(candidate, score=swept.best)
+    return Fit(scored, swept.peaks[0], covariance, source, steps=(*steps, swept))
+
+
+def measure_jointly(shot: Shot, candidate: Candidate, config: LocalizerConfig) -> Fit | Refusal:
+    """Measure a candidate by the joint search over yaw and distance.
+
+    Parameters
+    ----------
+    shot : Shot
+        The shot.
+    candidate : Candidate
+        Where a pallet may stand.
+    config : LocalizerConfig
+        Parameters.
+
+    Returns
+    -------
+    Fit or Refusal
+        With the joint search among its steps.
+    """
+    hidden = shot.out_of_sight(candidate.start, config.farthest_start)
+    if hidden is not None:
+        return Refusal(candidate, Stage.START, hidden)
+    found = search_jointly(shot, candidate.start, candidate.model, config.joint_search)
+    if isinstance(found, Reason):
+        return Refusal(candidate, Stage.POSITION, found)
+    pose = found.forklift_from_pallet
+    good = found.score >= NEAR_PEAK * found.best
+    turns, depths = found.turns[good.any(axis=1)], found.depths[good.any(axis=0)]
+    yaw_sigma = max(float(np.ptp(turns)) / np.sqrt(12.0), float(found.turns[1] - found.turns[0]) / 2)
+    covariance = _spread(shot, pose, float(np.ptp(depths)), config.joint_search.resolution, yaw_sigma)
+    return Fit(replace(candidate, score=found.best), pose, covariance, YawSource.FACE, steps=(found,))
+
+
+def _spread(shot: Shot, pose: LevelPose, depth_range: float, resolution: float, yaw_sigma: float) -> FloatArray:
+    """Return the covariance of a pose that is uncertain along its viewing ray, by a pixel across it, and in yaw."""
+    ray = np.array([pose.x, pose.y, pose.z]) - shot.mounting.center
+    into = np.array([np.cos(pose.yaw), np.sin(pose.yaw), 0.0])
+    along_ray = ray / max(float(ray @ into), 0.1) * max(depth_range / np.sqrt(12.0), resolution)
+    covariance = np.zeros((4, 4))
+    covariance[:3, :3] = np.outer(along_ray, along_ray) + resolution**2 * np.eye(3)
+    covariance[3, 3] = yaw_sigma**2
+    return covariance

@@ -14,7 +14,6 @@ from palletloc.refinement.hypotheses import SearchConfig
 from palletloc.shelf_view import DetectionConfig
 from palletloc.verification import VerificationConfig
 
-
 RANGE_SLACK = 1.2
 """How much farther than pallets that are looked for a start may be: it need not be where the pallet is."""
 

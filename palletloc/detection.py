@@ -13,7 +13,7 @@ from itertools import product
 
 import numpy as np
 
-from palletloc.contrast import opening_contrasts, smoothed
+from palletloc.contrast import place_contrasts, smoothed
 from palletloc.geometry import FloatArray, Image, LevelPose, wrap_angle
 from palletloc.matching import EdgeEnergy, edge_energy
 from palletloc.pallet import PalletModel
@@ -151,7 +151,7 @@ def _contrast(
         up = seen.camera_height + (up - seen.camera_height) / scale[:, None]
         return np.stack([right / scale[:, None], up], axis=-1).reshape(-1, len(points), 2)
 
-    return opening_contrasts(smooth, seen.view.grid, model, placing).reshape(-1, len(around))
+    return place_contrasts(smooth, seen.view.grid, model, placing).reshape(-1, len(around))
 
 
 def _poses(seen: ShelfView, sites: Sites) -> list[LevelPose]:

@@ -12,15 +12,14 @@ import numpy as np
 
 from palletloc.candidate import Candidate, Fit, Refusal
 from palletloc.config import LocalizerConfig
+from palletloc.contrast import opening_contrasts, shown_openings
 from palletloc.face import visible_lines
 from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
 from palletloc.pallet import PalletModel
-from palletloc.refinement.appearance import opening_contrasts, shown_openings
 from palletloc.refinement.face_fit import FaceEstimate, FacePrior, YawPrior, fit_face, same_pose
 from palletloc.refinement.hypotheses import score_pose
-from palletloc.refinement.occluder import explained_part, visible_occluders
-from palletloc.refinement.occlusion import Spans
+from palletloc.refinement.occlusion import Spans, explained_part, visible_occluders
 from palletloc.refinement.patch import FacePatch
 from palletloc.rivals import Rival, any_height, other_starts
 from palletloc.shot import Shot
@@ -117,9 +116,7 @@ def fit_from_starts(
     return decide(doubted, [other_starts(best, attempts), heights], config)
 
 
-def decide(
-    best: Fit | Refusal, alternatives: Iterable[Iterable[Rival]], config: LocalizerConfig
-) -> Fit | Refusal:
+def decide(best: Fit | Refusal, alternatives: Iterable[Iterable[Rival]], config: LocalizerConfig) -> Fit | Refusal:
     """Decide between a fit and other explanations of the image.
 
     Parameters
@@ -217,7 +214,7 @@ def _compared(fit: Fit, face: FaceEstimate) -> Fit | Refusal:
 
 
 def _with_doubt(shot: Shot, best: Fit | Refusal, weak: bool, config: LocalizerConfig) -> Fit | Refusal:
-    """Widen a covariance by what the edges leave in doubt, and a fit at any height by what they leave of its range."""
+    """Widen a covariance by what the edges leave in doubt, and at any height by what they leave of its range."""
     fit = best.fit
     if fit is None or fit.face is None:
         return best

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -202,14 +202,11 @@ class Localizer:
         height = None if detection.level is None else HeightPrior(detection.level, self.config.prior.level_sigma)
         return Candidate(detection.model, detection.forklift_from_pallet, height, detection.score, detection.yaws)
 
-    def _unlikely(
-        self, detection: Detection, candidate: Candidate, before: Sequence[Fit | Refusal]
-    ) -> Reason | None:
+    def _unlikely(self, detection: Detection, candidate: Candidate, before: Sequence[Fit | Refusal]) -> Reason | None:
         """Tell why a detection is not worth measuring."""
-        for fit in before:
-            if isinstance(fit, Fit) and fit.rank >= self.config.verification.certain:
-                if overlapping(fit.pose, fit.candidate.model, candidate.start, candidate.model):
-                    return Reason.OVERLAP
+        certain = [fit for fit in before if isinstance(fit, Fit) and fit.rank >= self.config.verification.certain]
+        if any(overlapping(fit.pose, fit.candidate.model, candidate.start, candidate.model) for fit in certain):
+            return Reason.OVERLAP
         promise = detection.promise if self.method in UNVERIFIED else detection.hope
         return Reason.LOW_CONTRAST if promise < self.config.verification.min_promise else None
 

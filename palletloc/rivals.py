@@ -43,7 +43,7 @@ class Rival:
     nats: float
     """How much likelier it is than the fit, as a logarithm."""
     apart: FloatArray
-    """(4,) how far its pose is from the fit's: (x, y, z, yaw), in metres and radians; zero where it widens nothing."""
+    """(4,) how far its pose is from the fit's, (x, y, z, yaw) in metres and radians; zero where it widens nothing."""
     sigmas: float
     """How far it is apart in what tells them from each other, in standard deviations."""
     reason: Reason
@@ -205,13 +205,14 @@ def _as_wide(model: PalletModel, fit: Fit, shot: Shot) -> LevelPose:
 
 
 def _sigmas(apart: FloatArray, face: FaceEstimate) -> float:
-    """Return how far a rival is apart; what doubt has added to the covariance is no reason to believe in a worse one."""
+    """Return how far a rival is apart by what the edges alone leave uncertain.
+
+    What doubt has added to the covariance is no reason to believe in the worse of two.
+    """
     return math.sqrt(float(apart @ np.linalg.solve(face.covariance, apart)))
 
 
-def one_opening_aside(
-    shot: Shot, best: Fit | Refusal, measure: Measure, config: LocalizerConfig
-) -> Iterator[Rival]:
+def one_opening_aside(shot: Shot, best: Fit | Refusal, measure: Measure, config: LocalizerConfig) -> Iterator[Rival]:
     """Yield a doubtful fit's pallet one opening to its left and to its right, where as much of it is seen.
 
     Blocks and openings repeat, so a face fits there, too, but for its ends.

@@ -13,12 +13,19 @@ from palletloc.cameras.protocol import CameraModel, Projection
 from palletloc.geometry import FloatArray, Image, LevelPose
 from palletloc.measurement import Reason
 from palletloc.mounting import Mounting
-from palletloc.plane import FACE_IN_PALLET, PALLET_FROM_HORIZONTAL, PALLET_FROM_VERTICAL, PlaneGrid, PlaneView, place_plane
+from palletloc.plane import (
+    FACE_IN_PALLET,
+    PALLET_FROM_HORIZONTAL,
+    PALLET_FROM_VERTICAL,
+    PlaneGrid,
+    PlaneView,
+    place_plane,
+)
 from palletloc.projection import Interpolation, Projector
 from palletloc.shelf import ShelfPlane
 
 MIN_DISTANCE = 0.2
-"""Least distance of the camera from a plane that is viewed, in metres: nearer, the plane is seen at a grazing angle."""
+"""Least distance of the camera from a plane that is viewed, in metres: nearer, it is seen at a grazing angle."""
 BRIGHT = 200.0
 """Gray level that the brightest parts of the shelf shall have: below the level at which cameras saturate."""
 BRIGHTEST = 98.0
@@ -42,7 +49,7 @@ class Shot:
     --------
     >>> from palletloc.cameras import Equirectangular
     >>> mounting = Mounting(RigidTransform.from_translation([0.3, 0.0, 1.8]))
-    >>> shot = Shot(np.full((256, 512, 3), 7, np.uint8), Equirectangular(512, 256), mounting, 2.5, "images/000001.jpg")
+    >>> shot = Shot(np.full((256, 512, 3), 7, np.uint8), Equirectangular(512, 256), mounting, 2.5, "1.jpg")
     >>> pose = LevelPose(2.0, 1.5, 0.0, np.pi / 2)
     >>> shot.camera_in(pose).round(3).tolist()
     [-1.7, 1.8, 1.5]

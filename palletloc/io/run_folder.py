@@ -150,7 +150,9 @@ class RunFolder:
             if number not in self._done:
                 yield number, shot
 
-    def add(self, number: int, rows: Sequence[PalletMeasurement | NoPose], refusals: Sequence[RefusedCandidate]) -> None:
+    def add(
+        self, number: int, rows: Sequence[PalletMeasurement | NoPose], refusals: Sequence[RefusedCandidate]
+    ) -> None:
         """Keep what a shot gave.
 
         Parameters

@@ -106,9 +106,7 @@ def _slid(start: LevelPose, center: FloatArray, turn: float, depth: float) -> Le
     return LevelPose(float(x), float(y), float(z), wrap_angle(start.yaw + turn))
 
 
-def _match(
-    shot: Shot, base: LevelPose, model: PalletModel, config: JointSearchConfig
-) -> tuple[float, LevelPose]:
+def _match(shot: Shot, base: LevelPose, model: PalletModel, config: JointSearchConfig) -> tuple[float, LevelPose]:
     """Return the best score of one hypothesis over small shifts on its plane, and the shifted pose."""
     camera = shot.camera_in(base)
     half = model.width / 2 + config.sideways + 0.05

@@ -15,15 +15,16 @@ from typing import NamedTuple
 import numpy as np
 
 from palletloc.cameras.protocol import CameraModel
-from palletloc.paper.boundary import BoundaryLine, boundary_lines
 from palletloc.edge_fit import EdgeFit, edge_peaks, fit_edges, join_peaks
 from palletloc.face import EdgeKind, FaceEdge, edge_shift, face_lines
 from palletloc.geometry import LevelPose, wrap_angle
-from palletloc.paper.horizontal_view import MAX_DEPTH, BoundaryMethod, HorizontalView, YawConfig, line_up
 from palletloc.matching import Energy, gradient_across
 from palletloc.measurement import Reason, YawSource
 from palletloc.pallet import PalletModel
+from palletloc.paper.boundary import BoundaryLine, boundary_lines
+from palletloc.paper.horizontal_view import MAX_DEPTH, BoundaryMethod, HorizontalView, YawConfig, line_up
 from palletloc.projection import pixel_sizes
+from palletloc.robust import consensus
 from palletloc.shot import Shot
 
 SMOOTHING_PIXELS = np.array([0.6, 1.5])
@@ -249,18 +250,13 @@ def _poll(votes: Sequence[YawVote], start: LevelPose, config: YawConfig) -> YawE
     """Combine the votes: the largest group that agrees with one of them, weighted by their variances."""
     turn = np.array([vote.turn for vote in votes])
     sigma = np.array([vote.sigma for vote in votes])
-    weight = sigma**-2
-    agree = np.abs(turn[:, None] - turn) <= config.agreement * np.hypot(sigma[:, None], sigma)
-    group = agree[(agree * weight).sum(axis=1).argmax()]
-    mean = float((turn * weight)[group].sum() / weight[group].sum())
-    spread = float((weight * (turn - mean) ** 2)[group].sum() / max(group.sum() - 1, 1))
-    variance = max(spread, 1.0) / float(weight[group].sum())
-    heaviest = votes[int(np.where(group, weight, 0).argmax())]
+    found = consensus(turn, sigma, config.agreement)
+    heaviest = votes[int(np.where(found.group, sigma**-2, 0).argmax())]
     polled = tuple(
         YawVote(vote.edge, vote.turn, vote.sigma, vote.fit, bool(used))
-        for vote, used in zip(votes, group, strict=True)
+        for vote, used in zip(votes, found.group, strict=True)
     )
-    return YawEstimate(wrap_angle(start.yaw + mean), float(np.sqrt(variance)), _source(heaviest.edge), polled)
+    return YawEstimate(wrap_angle(start.yaw + found.mean), found.sigma, _source(heaviest.edge), polled)
 
 
 def _source(edge: FaceEdge) -> YawSource:

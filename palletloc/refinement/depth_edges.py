@@ -14,8 +14,7 @@ import numpy as np
 from palletloc.face import EdgeKind, FaceEdge, FaceLine, contour_shift
 from palletloc.geometry import BoolArray, FloatArray, LevelPose
 from palletloc.pallet import Opening, PalletModel
-from palletloc.refinement.cuts import cuts_across
-from palletloc.refinement.profiles import Profiles, cut_profiles
+from palletloc.refinement.profiles import Profiles, cut_profiles, cuts_across
 from palletloc.shot import Shot
 
 BOARD = 0.022

@@ -15,9 +15,8 @@ from palletloc.edge_fit import EdgeFit, EdgePeaks, fit_edges
 from palletloc.face import EdgeKind, EdgeShift, FaceEdge, edge_shift, face_lines
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.pallet import PalletModel
-from palletloc.refinement.cuts import face_cuts
 from palletloc.refinement.occlusion import Spans, hidden_spans, is_hidden, joined
-from palletloc.refinement.profiles import MARGIN, Profiles, Samples, cut_profiles
+from palletloc.refinement.profiles import MARGIN, Profiles, Samples, cut_profiles, face_cuts
 from palletloc.shot import Shot
 
 SMOOTHING_PX = 1.0

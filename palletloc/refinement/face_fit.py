@@ -18,11 +18,11 @@ from palletloc.face import FaceEdge, visible_lines
 from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 from palletloc.measurement import HeightPrior, Reason
 from palletloc.pallet import PalletModel
-from palletloc.refinement.agreement import LevelYaw, level_yaw
 from palletloc.refinement.edges import EdgeReach, SeenFace, measure_face
+from palletloc.refinement.level_lines import LevelYaw, yaw_from_level_lines
+from palletloc.refinement.normal_equations import USED_WEIGHT, FaceEquations, FaceSolution
 from palletloc.refinement.occlusion import Spans, hidden_part, is_hidden
 from palletloc.refinement.parallax import add_depth_edges
-from palletloc.refinement.normal_equations import USED_WEIGHT, FaceSolution, FaceEquations
 from palletloc.shot import MIN_DISTANCE, Shot
 
 SMALL_PART = 0.5
@@ -205,9 +205,7 @@ class _Round(NamedTuple):
     """(4,) standard deviations of the motion."""
 
 
-def _solved(
-    shot: Shot, pose: LevelPose, model: PalletModel, system: FaceEquations, behind: bool
-) -> _Round:
+def _solved(shot: Shot, pose: LevelPose, model: PalletModel, system: FaceEquations, behind: bool) -> _Round:
     """Solve a system, with the edges behind the face if asked for."""
     solution = system.solve()
     estimate = _estimate(system.seen, pose, model, solution)
@@ -230,10 +228,10 @@ def _unsettled(rounds: Sequence[_Round]) -> _Round:
 
 
 def _with_level_yaw(found: _Round, config: FaceFitConfig) -> FaceEstimate:
-    said = level_yaw(found.estimate.seen, config.slope_error_px)
-    if said is None:
+    lines = yaw_from_level_lines(found.estimate.seen, config.slope_error_px)
+    if lines is None:
         return found.estimate
-    return replace(found.estimate, level_yaw=replace(said, turn=said.turn - float(found.motion[3])))
+    return replace(found.estimate, level_yaw=replace(lines, turn=lines.turn - float(found.motion[3])))
 
 
 def _settled(system: FaceEquations, found: _Round, config: FaceFitConfig) -> bool:

@@ -15,13 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg.lapack import dposv
 
-from palletloc.edge_fit import TUKEY
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
 from palletloc.plane import FACE_IN_PALLET
 from palletloc.refinement.depth_edges import DepthEdge
 from palletloc.refinement.edges import SeenFace
+from palletloc.robust import SIGMA_PER_MEDIAN, tukey_weights
 
 USED_WEIGHT = 0.2
 """Weight from which on an edge counts as used."""
@@ -260,8 +260,8 @@ class FaceEquations:
             solution = _solved(normal, weighted @ values + self._pull)
             residual = values - rows @ solution
             size = np.sort(np.abs(residual[robust]))
-            spread = max(1.0, 1.4826 * float(size[len(size) // 2]))
-            update = np.where(robust, np.maximum(1 - (residual / (TUKEY * spread)) ** 2, 0.0) ** 2, 1.0)
+            spread = max(1.0, SIGMA_PER_MEDIAN * float(size[len(size) // 2]))
+            update = np.where(robust, tukey_weights(residual, spread), 1.0)
             settled = np.abs(update - weights).max() < 0.01
             weights = update
             if settled:

@@ -8,7 +8,6 @@ motion, the ridge of yaw and range; along it all edges vote at once, each for ev
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +16,7 @@ from palletloc.geometry import FloatArray, LevelPose
 from palletloc.pallet import PalletModel
 from palletloc.refinement.depth_edges import DepthPeaks, find_depth_peaks, visible_depth_edges
 from palletloc.refinement.edges import SeenFace
-from palletloc.refinement.normal_equations import FaceSolution, FaceEquations
+from palletloc.refinement.normal_equations import FaceEquations, FaceSolution
 from palletloc.shot import Shot
 
 SIDE_ERROR = 0.004

@@ -126,9 +126,7 @@ class FacePatch:
         return found, np.asarray(seen & self.view.valid[row, column])
 
 
-def view_patch(
-    shot: Shot, base: LevelPose, extent: Extent, resolution: float
-) -> FacePatch | Reason:
+def view_patch(shot: Shot, base: LevelPose, extent: Extent, resolution: float) -> FacePatch | Reason:
     """Project the surroundings of a face on its plane.
 
     Parameters

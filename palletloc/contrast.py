@@ -139,6 +139,20 @@ def opening_contrasts(patch: FacePatch, model: PalletModel, pose: LevelPose, hid
     return np.asarray(np.sqrt(away[np.arange(len(away)), middle]) / spread)
 
 
+def least_contrast(
+    patch: FacePatch, model: PalletModel, pose: LevelPose, hidden: Spans = (), occluders: Spans = ()
+) -> float:
+    """Return the contrast of the less clear opening that is seen; parameters as for `opening_contrasts`.
+
+    What ``occluders`` are seen to cover does not count either, as long as they leave an opening. NaN where the view
+    does not reach; 0 where something stands before all openings.
+    """
+    covered = (*hidden, *occluders)
+    bare = covered if shown_openings(model, covered).any() else hidden
+    shown = shown_openings(model, bare)
+    return float(opening_contrasts(patch, model, pose, bare)[shown].min()) if shown.any() else 0.0
+
+
 def shown_openings(model: PalletModel, hidden: Spans) -> BoolArray:
     """Return (openings,) which of a face's openings are seen well enough to be compared with the blocks."""
     return np.array([1 - hidden_part(opening.left, opening.right, hidden) >= SHOWN for opening in model.openings])

@@ -196,7 +196,7 @@ def fit_edges(
     enough = (independent >= fewest) & (agreeing >= 4) & (lines.scale < MAX_SCATTER * reach)
     columns = (lines.offset, lines.slope, sigma_offset, np.sqrt(slope_variance), coverage, strength)
     rows = np.stack(columns, axis=1).tolist()
-    return [EdgeFit(*row) if one else None for row, one in zip(rows, enough.tolist(), strict=True)]
+    return [EdgeFit(*row) if is_enough else None for row, is_enough in zip(rows, enough.tolist(), strict=True)]
 
 
 class _Lines(NamedTuple):

@@ -12,14 +12,14 @@ import numpy as np
 
 from palletloc.candidate import Candidate, Fit, Refusal
 from palletloc.config import LocalizerConfig
-from palletloc.contrast import opening_contrasts, shown_openings
+from palletloc.contrast import least_contrast
 from palletloc.face import visible_lines
-from palletloc.geometry import FloatArray, LevelPose, wrap_angle
+from palletloc.geometry import FloatArray, LevelPose
 from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
 from palletloc.pallet import PalletModel
-from palletloc.refinement.face_fit import FaceEstimate, FacePrior, YawPrior, fit_face, same_pose
+from palletloc.refinement.face_fit import FaceEstimate, FacePrior, YawPrior, fit_face
 from palletloc.refinement.hypotheses import score_pose
-from palletloc.refinement.occlusion import Spans, explained_part, visible_occluders
+from palletloc.refinement.occlusion import explained_part, visible_occluders
 from palletloc.refinement.patch import FacePatch
 from palletloc.rivals import Rival, any_height, other_starts
 from palletloc.shot import Shot
@@ -105,8 +105,7 @@ def fit_from_starts(
         attempt = _attempt(shot, candidate, prepare(start), patch, earlier, config)
         attempts.append(attempt)
         certain = not weak and _is_certain(attempt, config)
-        agreed = attempt.fit is not None and any(same_pose(attempt.fit.pose, pose) for pose in earlier)
-        if certain or agreed or len(attempts) == MOST_ATTEMPTS:
+        if certain or _is_repeated(attempt) or len(attempts) == MOST_ATTEMPTS:
             break
     if not attempts:
         return Refusal(candidate, Stage.VERIFICATION, Reason.LOW_CONTRAST)
@@ -154,7 +153,7 @@ def decide(best: Fit | Refusal, alternatives: Iterable[Iterable[Rival]], config:
 
 
 def _mixed(odds: FloatArray, apart: FloatArray) -> FloatArray:
-    """Return what alternatives add to the covariance of the first: a mixture's second moment about its mean."""
+    """Return what alternatives add to the covariance of the first: a mixture's second moment about it."""
     weight = np.exp(odds - odds.max())
     return np.asarray((weight[:, None] * apart).T @ apart / weight.sum())
 
@@ -187,17 +186,10 @@ def _attempt(
 def _evidence(patch: FacePatch, model: PalletModel, face: FaceEstimate) -> Evidence:
     """Return what a face shows at its fitted pose."""
     pose, spans = face.forklift_from_pallet, face.seen.hidden
-    covered = (*spans, *visible_occluders(patch, model, pose))
-    bare = covered if shown_openings(model, covered).any() else spans
-    return Evidence(
-        float(np.nan_to_num(_contrast(patch, pose, model, bare))),
-        face.coverage,
-        score_pose(patch, model, pose, spans),
-        face.doubt,
-        face.seen.hidden_part,
-        explained_part(patch, model, pose, spans),
-        face.seen.width_px(model.width),
-    )
+    occluders, explained = visible_occluders(patch, model, pose), explained_part(patch, model, pose, spans)
+    contrast = float(np.nan_to_num(least_contrast(patch, model, pose, spans, occluders)))
+    score, width = score_pose(patch, model, pose, spans), face.seen.width_px(model.width)
+    return Evidence(contrast, face.coverage, score, face.doubt, face.seen.hidden_part, explained, width)
 
 
 def _compared(fit: Fit, face: FaceEstimate) -> Fit | Refusal:
@@ -246,7 +238,7 @@ def _range_doubt(shot: Shot, fit: Fit, face: FaceEstimate, config: LocalizerConf
 
 def _may_be_pallet(patch: FacePatch, start: LevelPose, candidate: Candidate, config: LocalizerConfig) -> bool:
     """Tell whether a start could pass the checks if all edges were found; where it is not wholly seen, it may."""
-    contrast = _contrast(patch, start, candidate.model)
+    contrast = least_contrast(patch, candidate.model, start)
     if np.isnan(contrast):
         return True
     if contrast < GLANCE_CONTRAST:
@@ -266,12 +258,11 @@ def _is_certain(attempt: Fit | Refusal, config: LocalizerConfig) -> bool:
     return beyond_doubt or attempt.fit.face.doubt < config.face_fit.max_doubt
 
 
-def _contrast(patch: FacePatch, pose: LevelPose, model: PalletModel, hidden: Spans = ()) -> float:
-    """Return how clearly the less clear opening differs from the blocks beside it, NaN where that is not seen."""
-    shown = shown_openings(model, hidden)
-    return float(opening_contrasts(patch, model, pose, hidden)[shown].min()) if shown.any() else 0.0
+def _is_repeated(attempt: Fit | Refusal) -> bool:
+    """Tell whether a fit came to the pose of an earlier one."""
+    return attempt.fit is not None and attempt.fit.face is not None and attempt.fit.face.repeated
 
 
 def _near(pose: LevelPose, other: LevelPose) -> bool:
-    apart = np.linalg.norm(pose.as_array()[:3] - other.as_array()[:3])
-    return bool(apart < NEAR and abs(wrap_angle(pose.yaw - other.yaw)) < np.radians(NEAR_DEG))
+    apart = pose.minus(other)
+    return bool(np.linalg.norm(apart[:3]) < NEAR and abs(apart[3]) < np.radians(NEAR_DEG))

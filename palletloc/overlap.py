@@ -13,7 +13,7 @@ import numpy as np
 from palletloc.candidate import Fit, Refusal
 from palletloc.footprint import outline, overlaps
 from palletloc.measurement import Reason, Stage
-from palletloc.rivals import FAR_APART, difference
+from palletloc.rivals import FAR_APART
 from palletloc.verification import VerificationConfig, verify
 
 MOST_RIVALS = 16
@@ -86,7 +86,7 @@ def _one_of_use(outcome: Fit | Refusal, other: Fit | Refusal) -> bool:
     face, other_face = outcome.fit.face, other.fit.face
     if face is None or other_face is None:
         return False
-    apart = difference(face.forklift_from_pallet, other_face.forklift_from_pallet)
+    apart = face.forklift_from_pallet.minus(other_face.forklift_from_pallet)
     return bool(apart @ np.linalg.solve(face.covariance + other_face.covariance, apart) < FAR_APART**2)
 
 

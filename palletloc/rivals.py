@@ -14,7 +14,7 @@ import numpy as np
 
 from palletloc.candidate import Candidate, Fit, Refusal
 from palletloc.config import LocalizerConfig
-from palletloc.geometry import FloatArray, LevelPose, wrap_angle
+from palletloc.geometry import FloatArray, LevelPose
 from palletloc.measurement import HeightPrior, Reason, Stage
 from palletloc.pallet import PalletModel
 from palletloc.refinement.face_fit import FaceEstimate, fit_face
@@ -57,13 +57,6 @@ class Rival:
         return self.nats > 0 and self.sigmas > FAR_APART
 
 
-def difference(pose: LevelPose, other: LevelPose) -> FloatArray:
-    """Return how far a pose is from another one: (x, y, z, yaw), in metres and radians."""
-    apart = pose.as_array() - other.as_array()
-    apart[3] = wrap_angle(apart[3])
-    return apart
-
-
 def other_starts(best: Fit | Refusal, attempts: Iterable[Fit | Refusal]) -> Iterator[Rival]:
     """Yield the fits from other starts of the search: less likely than the best one, but possible.
 
@@ -76,7 +69,7 @@ def other_starts(best: Fit | Refusal, attempts: Iterable[Fit | Refusal]) -> Iter
     """
     for attempt in attempts:
         if attempt is not best and attempt.fit is not None and best.fit is not None:
-            apart = difference(attempt.fit.pose, best.fit.pose)
+            apart = attempt.fit.pose.minus(best.fit.pose)
             yield Rival(attempt.likelihood - best.likelihood, apart, 0.0, Reason.OVERLAP)
 
 
@@ -164,7 +157,7 @@ def any_height(shot: Shot, best: Fit, config: LocalizerConfig) -> Iterator[Rival
     chance = np.log(WRONG_LEVEL / (1 - WRONG_LEVEL) * np.sqrt(variance) / config.prior.free_sigma)
     odds = float(chance + 0.5 * off**2 + NATS_PER_EDGE * (face.doubt - free.doubt))
     if odds >= math.log(WRONG_LEVEL / (1 - WRONG_LEVEL)):  # else the face speaks rather for its level than against it
-        yield Rival(odds, difference(free.forklift_from_pallet, best.pose), float(off), Reason.OFF_LEVEL)
+        yield Rival(odds, free.forklift_from_pallet.minus(best.pose), float(off), Reason.OFF_LEVEL)
 
 
 def other_model(
@@ -192,7 +185,7 @@ def other_model(
     rival = measure(shot, Candidate(model, _as_wide(model, best, shot)), config)
     nats = rival.likelihood - best.likelihood
     if rival.fit is not None and nats >= -NATS_PER_EDGE:  # where an edge more speaks for the fit there is no rival
-        apart = difference(rival.fit.pose, best.pose)
+        apart = rival.fit.pose.minus(best.pose)
         yield Rival(nats, apart, _sigmas(apart, best.face), Reason.OVERLAP)
 
 
@@ -244,7 +237,7 @@ def _more_visible(rival: Fit | Refusal, best: Fit) -> float:
     """Return how much more of the face is seen with a rival's pose, in nats; -inf where that is the same pallet."""
     if rival.fit is None or rival.fit.evidence is None or best.evidence is None:
         return -math.inf
-    apart = difference(rival.fit.pose, best.pose)
+    apart = rival.fit.pose.minus(best.pose)
     far = math.hypot(apart[0], apart[1]) > best.candidate.model.width / 4
     return rival.fit.evidence.visible - best.evidence.visible if far else -math.inf
 

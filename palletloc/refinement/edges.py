@@ -10,14 +10,14 @@ from statistics import median
 
 import numpy as np
 
-from palletloc.cameras.protocol import CameraModel
 from palletloc.edge_fit import EdgeFit, EdgePeaks, fit_edges
 from palletloc.face import EdgeKind, EdgeShift, FaceEdge, edge_shift, face_lines
 from palletloc.geometry import FloatArray, LevelPose
+from palletloc.measurement import Reason
 from palletloc.pallet import PalletModel
 from palletloc.refinement.occlusion import Spans, hidden_spans, is_hidden, joined
 from palletloc.refinement.profiles import MARGIN, Profiles, Samples, cut_profiles, face_cuts
-from palletloc.shot import Shot
+from palletloc.shot import MIN_DISTANCE, Shot
 
 SMOOTHING_PX = 1.0
 """Standard deviation of the smoothing along an edge, in pixels of the image."""
@@ -84,9 +84,9 @@ class SeenFace:
         """Tell whether the pallet's own side begins at an edge: at the one towards a viewer who stands aside."""
         return _borders_on_side(self.plane_from_camera, edge)
 
-    def says(self, edge: FaceEdge) -> float:
+    def evidence_weight(self, edge: FaceEdge) -> float:
         """Return how much it says whether an edge is seen, 0 to 1: less where what borders on it may look alike."""
-        return _says(self.plane_from_camera, edge)
+        return _evidence_weight(self.plane_from_camera, edge)
 
     def width_px(self, width: float) -> float:
         """Return how wide a face of so many metres is in the image, in pixels; 0 where no upright edge is seen."""
@@ -115,7 +115,7 @@ class EdgeReach:
 
 def measure_face(
     shot: Shot, pose: LevelPose, model: PalletModel, reach: EdgeReach, occluders: Spans = ()
-) -> SeenFace | None:
+) -> SeenFace | Reason:
     """Measure the edges of a face in the shot.
 
     Parameters
@@ -123,7 +123,7 @@ def measure_face(
     shot : Shot
         The shot.
     pose : LevelPose
-        ``forklift_from_pallet`` where the face is looked for; the camera is before it.
+        ``forklift_from_pallet`` where the face is looked for.
     model : PalletModel
         The pallet.
     reach : EdgeReach
@@ -133,13 +133,16 @@ def measure_face(
 
     Returns
     -------
-    SeenFace or None
-        With the edges of which enough is seen for a line; None where the camera does not see the whole face.
+    SeenFace or Reason
+        With the edges of which enough is seen for a line; `Reason.BEHIND_FACE` or `Reason.OUT_OF_VIEW` where the
+        camera does not see the whole face.
     """
     camera_from_face, plane_from_camera = shot.camera_from_face(pose), shot.camera_in(pose)
-    right, up = _pixel_sizes(shot.camera, camera_from_face, model)
+    if plane_from_camera[2] < MIN_DISTANCE:
+        return Reason.BEHIND_FACE
+    right, up = _pixel_sizes(shot, camera_from_face, model)
     if not math.isfinite(right + up):
-        return None
+        return Reason.OUT_OF_VIEW
     below = bool(plane_from_camera[1] < 0)
     # spacings from a ladder: a cut a pixel apart is enough, and the cuts of a model are kept
     cuts = face_cuts(model, reach.spacing * _rung(right), reach.spacing * _rung(up), below)
@@ -154,7 +157,7 @@ def measure_face(
     mean = np.array([shift.mean for shift in shifts])
     profiles = cut_profiles(shot, camera_from_face, cuts, mean, far, pixel)
     if not profiles.valid.all():
-        return None
+        return Reason.OUT_OF_VIEW
     peaks, fits = _fits(profiles, SMOOTHING_PX)
     clear = sum(fit is not None and fit.coverage >= CLEAR_COVERAGE for fit in fits)
     if reach.faint and clear < MOST_CLEAR * len(fits):
@@ -168,7 +171,7 @@ def measure_face(
         for line, fit, gap, shift, size in zip(cuts.lines, fits, gaps, shifts, across.tolist(), strict=True)
         if fit is not None and not is_hidden(line.whole, hidden)
     )
-    expected = sum(_says(center, line.whole) for line in cuts.lines if not is_hidden(line.whole, hidden))
+    expected = sum(_evidence_weight(center, line.whole) for line in cuts.lines if not is_hidden(line.whole, hidden))
     hidden_part = sum(right - left for left, right in hidden) / model.width
     return SeenFace(plane_from_camera, edges, expected, hidden, hidden_part)
 
@@ -181,22 +184,22 @@ def _borders_on_side(camera: FloatArray | Sequence[float], edge: FaceEdge) -> bo
     return edge.kind is EdgeKind.SIDE and bool(camera[0] * edge.outward[0] > abs(edge.middle[0]))
 
 
-def _says(camera: FloatArray | Sequence[float], edge: FaceEdge) -> float:
+def _evidence_weight(camera: FloatArray | Sequence[float], edge: FaceEdge) -> float:
     if _loaded(camera, edge):
         return 0.0
     return BORDERING if _borders_on_side(camera, edge) else 1.0
 
 
-def _pixel_sizes(camera: CameraModel, camera_from_face: FloatArray, model: PalletModel) -> tuple[float, float]:
+def _pixel_sizes(shot: Shot, camera_from_face: FloatArray, model: PalletModel) -> tuple[float, float]:
     """Return the size of a pixel along the face's right and up at its middle, infinite where it is not seen."""
     step = 1e-3
     up = model.height / 2
     points = np.array([[0.0, up], [step, up], [0.0, up + step]])
-    pixels, valid = camera.project(points @ camera_from_face[:3, :2].T + camera_from_face[:3, 3])
+    pixels, valid = shot.camera.project(points @ camera_from_face[:3, :2].T + camera_from_face[:3, 3])
     if not valid.all():
         return np.inf, np.inf
     at, *ends = pixels.tolist()
-    right, up = (step / max(_apart(at, end, camera.period_px), 1e-9) for end in ends)
+    right, up = (step / max(_apart(at, end, shot.camera.period_px), 1e-9) for end in ends)
     return right, up
 
 

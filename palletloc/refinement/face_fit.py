@@ -18,12 +18,12 @@ from palletloc.face import FaceEdge, visible_lines
 from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 from palletloc.measurement import HeightPrior, Reason
 from palletloc.pallet import PalletModel
+from palletloc.refinement.depth_edges import add_depth_edges
 from palletloc.refinement.edges import EdgeReach, SeenFace, measure_face
 from palletloc.refinement.level_lines import LevelYaw, yaw_from_level_lines
 from palletloc.refinement.normal_equations import USED_WEIGHT, FaceEquations, FaceSolution
 from palletloc.refinement.occlusion import Spans, hidden_part, is_hidden
-from palletloc.refinement.parallax import add_depth_edges
-from palletloc.shot import MIN_DISTANCE, Shot
+from palletloc.shot import Shot
 
 SMALL_PART = 0.5
 """Part of its standard deviation below which a motion that hardly moves the edges needs no further round."""
@@ -113,6 +113,8 @@ class FaceEstimate:
     """The lines of the face that the camera would see if nothing stood before it."""
     level_yaw: LevelYaw | None = None
     """What the level lines alone say of the yaw: how far from the pose's, in radians."""
+    repeated: bool = False
+    """Whether an earlier fit came to the same pose."""
     behind: float = 0.0
     """Evidence for the pose from edges behind the face, as a logarithm; 0 where none agree."""
 
@@ -178,20 +180,26 @@ def fit_face(
         else:
             system.add_slopes(config.slope_error_px)
             system.add_turn(-turned, prior.yaw_spread)
-        found = _solved(shot, pose, model, system, near)
-        if float(found.sigma[:3].max()) > config.max_sigma:
+        solution = system.solve()
+        estimate = _estimate(seen, pose, model, solution)
+        evidence = add_depth_edges(shot, pose, model, system, solution, estimate.doubt) if near else 0.0
+        if evidence > 0:
+            solution = system.solve()
+            estimate = _estimate(seen, pose, model, solution, evidence)
+        found = _Round(estimate, solution)
+        if float(solution.sigma[:3].max()) > config.max_sigma:
             return Reason.FEW_EDGES
         rounds.append(found)
         pose = found.estimate.forklift_from_pallet
         if found.estimate.doubt > config.hopeless_doubt:
             break
-        there = any(same_pose(pose, other) for other in earlier) or _settled(system, found, config)
+        there = any(_same_pose(pose, other) for other in earlier) or _settled(solution, config)
         if there and (at_solution or upright <= config.reach):
             break
     else:  # it swings between poses, or still moves: that of least doubt is the best guess
         rounds[-2:] = sorted(rounds[-2:], key=lambda found: -found.estimate.doubt)
         rounds[-1] = _unsettled(rounds)
-    return _with_level_yaw(rounds[-1], config) if rounds else Reason.FEW_EDGES
+    return _finished(rounds[-1], earlier, config) if rounds else Reason.FEW_EDGES
 
 
 class _Round(NamedTuple):
@@ -199,21 +207,8 @@ class _Round(NamedTuple):
 
     estimate: FaceEstimate
     """The pose."""
-    motion: FloatArray
-    """(4,) how the face moved: right, up, depth and yaw."""
-    sigma: FloatArray
-    """(4,) standard deviations of the motion."""
-
-
-def _solved(shot: Shot, pose: LevelPose, model: PalletModel, system: FaceEquations, behind: bool) -> _Round:
-    """Solve a system, with the edges behind the face if asked for."""
-    solution = system.solve()
-    estimate = _estimate(system.seen, pose, model, solution)
-    evidence = add_depth_edges(shot, pose, model, system, solution, estimate.doubt) if behind else 0.0
-    if evidence > 0:
-        solution = system.solve()
-        estimate = _estimate(system.seen, pose, model, solution, evidence)
-    return _Round(estimate, solution.motion, np.sqrt(solution.covariance.diagonal()))
+    solution: FaceSolution
+    """How the face moved to it."""
 
 
 def _unsettled(rounds: Sequence[_Round]) -> _Round:
@@ -221,41 +216,41 @@ def _unsettled(rounds: Sequence[_Round]) -> _Round:
     if len(rounds) < 2:
         return rounds[-1]
     before, last = (found.estimate.forklift_from_pallet for found in rounds[-2:])
-    apart = last.as_array() - before.as_array()
-    apart[3] = wrap_angle(apart[3])
+    apart = last.minus(before)
     estimate = rounds[-1].estimate
     return rounds[-1]._replace(estimate=replace(estimate, covariance=estimate.covariance + np.outer(apart, apart)))
 
 
-def _with_level_yaw(found: _Round, config: FaceFitConfig) -> FaceEstimate:
-    lines = yaw_from_level_lines(found.estimate.seen, config.slope_error_px)
-    if lines is None:
-        return found.estimate
-    return replace(found.estimate, level_yaw=replace(lines, turn=lines.turn - float(found.motion[3])))
+def _finished(found: _Round, earlier: Sequence[LevelPose], config: FaceFitConfig) -> FaceEstimate:
+    """Return a fit's estimate with what the level lines say of its yaw, and whether it is a new pose."""
+    estimate = found.estimate
+    repeated = any(_same_pose(estimate.forklift_from_pallet, other) for other in earlier)
+    lines = yaw_from_level_lines(estimate.seen, config.slope_error_px)
+    if lines is not None:
+        lines = replace(lines, turn=lines.turn - float(found.solution.motion[3]))
+    return replace(estimate, level_yaw=lines, repeated=repeated)
 
 
-def _settled(system: FaceEquations, found: _Round, config: FaceFitConfig) -> bool:
+def _settled(solution: FaceSolution, config: FaceFitConfig) -> bool:
     """Tell whether another round would find the same edges at the same places."""
-    if np.abs(system.shifts(found.motion)).max() > config.small_motion:
+    if np.abs(solution.shifts).max() > config.small_motion:
         return False
-    return bool((np.abs(found.motion) < np.maximum(config.small_motion, SMALL_PART * found.sigma)).all())
+    return bool((np.abs(solution.motion) < np.maximum(config.small_motion, SMALL_PART * solution.sigma)).all())
 
 
-def same_pose(pose: LevelPose, other: LevelPose) -> bool:
+def _same_pose(pose: LevelPose, other: LevelPose) -> bool:
     """Tell whether two fits lead to the same pose, as far as a fit is repeated exactly."""
-    apart = np.abs(pose.as_array() - other.as_array())
-    return bool(apart[:3].max() < SAME and abs(wrap_angle(float(pose.yaw - other.yaw))) < np.radians(SAME_DEG))
+    apart = np.abs(pose.minus(other))
+    return bool(apart[:3].max() < SAME and apart[3] < np.radians(SAME_DEG))
 
 
 def _seen(
     shot: Shot, pose: LevelPose, model: PalletModel, reach: EdgeReach, occluders: Spans, config: FaceFitConfig
 ) -> SeenFace | Reason:
     """Return the face at a pose with the edges that count."""
-    if shot.camera_in(pose)[2] < MIN_DISTANCE:
-        return Reason.BEHIND_FACE
     seen = measure_face(shot, pose, model, reach, occluders)
-    if seen is None:
-        return Reason.OUT_OF_VIEW
+    if isinstance(seen, Reason):
+        return seen
     edges = tuple(edge for edge in seen.edges if edge.fit.coverage >= config.min_coverage)
     if len(edges) < len(seen.edges):
         seen = replace(seen, edges=edges)
@@ -284,7 +279,7 @@ def _estimate(
 
 def _doubt(seen: SeenFace, lines: Sequence[FaceEdge], solution: FaceSolution, behind: float) -> float:
     """Return how many edges are missing or contradict the others, with what the edges behind the face make up for."""
-    says = np.array([seen.says(edge.edge) for edge in seen.edges])
+    says = np.array([seen.evidence_weight(edge.edge) for edge in seen.edges])
     missing = seen.expected - float(says @ solution.weights) + HIDDEN_DOUBT * len(_hidden(seen, lines))
     return max(missing + max(solution.chi2 - 1.0, 0.0) - EDGES_PER_NAT * behind, 0.0)
 
@@ -300,20 +295,20 @@ def _coverage(seen: SeenFace, lines: Sequence[FaceEdge], weights: FloatArray) ->
     A line on the floor covers every level edge of a face and no upright one; what is found of those is far fainter.
     """
     level, upright = (
-        median([one.fit.strength for one in seen.edges if one.edge.horizontal is direction] or [0.0])
+        median([edge.fit.strength for edge in seen.edges if edge.edge.horizontal is direction] or [0.0])
         for direction in (True, False)
     )
     parts = []
-    for level_ones in (True, False) if upright > FAINT_UPRIGHT * level else (True,):
+    for direction in (True, False) if upright > FAINT_UPRIGHT * level else (True,):
         visible = sum(
-            seen.says(line) * line.length * (1 - hidden_part(line.start[0], line.end[0], seen.hidden))
+            seen.evidence_weight(line) * line.length * (1 - hidden_part(line.start[0], line.end[0], seen.hidden))
             for line in lines
-            if line.horizontal is level_ones
+            if line.horizontal is direction
         )
         covered = sum(
-            seen.says(one.edge) * one.edge.length * one.fit.coverage
-            for one, weight in zip(seen.edges, weights, strict=True)
-            if one.edge.horizontal is level_ones and weight > USED_WEIGHT
+            seen.evidence_weight(edge.edge) * edge.edge.length * edge.fit.coverage
+            for edge, weight in zip(seen.edges, weights, strict=True)
+            if edge.edge.horizontal is direction and weight > USED_WEIGHT
         )
         parts.append(min(1.0, covered / visible) if visible > 0 else 0.0)
     return float(sum(parts) / 2)

@@ -12,7 +12,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from palletloc.cameras.protocol import CameraModel
 from palletloc.face import FaceEdge, FaceLine, face_lines
 from palletloc.geometry import BoolArray, FloatArray
 from palletloc.pallet import PalletModel
@@ -255,7 +254,7 @@ def cut_profiles(
     """
     half = min(max(math.ceil(float((reach / pixel[:, 0]).max()) / STEP_PX), 4), MOST_SAMPLES)
     steps = np.arange(-half - MARGIN, half + MARGIN + 1) / half
-    middle, away, valid = _places(shot.camera, camera_from_face, cuts, shift, reach)
+    middle, away, valid = _places(shot, camera_from_face, cuts, shift, reach)
     first, way, parts = (part.astype(np.float32) for part in (middle, away, steps))
     columns, rows = (first[:, axis, None] + parts * way[:, axis, None] for axis in (0, 1))
     border = cv2.BORDER_REPLICATE if shot.camera.period_px is None else cv2.BORDER_WRAP
@@ -264,16 +263,17 @@ def cut_profiles(
 
 
 def _places(
-    camera: CameraModel, camera_from_face: FloatArray, cuts: FaceCuts, shift: FloatArray, reach: FloatArray
+    shot: Shot, camera_from_face: FloatArray, cuts: FaceCuts, shift: FloatArray, reach: FloatArray
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Return the pixels of the cuts' middles, the way from there to the ends of their reach, and what is seen."""
     outwards = np.array([shift, shift + reach])[:, cuts.line, None]
     both = cuts.points + outwards * cuts.outward
-    seen = camera.project(both @ camera_from_face[:3, :2].T + camera_from_face[:3, 3])
+    seen = shot.camera.project(both @ camera_from_face[:3, :2].T + camera_from_face[:3, 3])
     valid = seen.valid[0] & seen.valid[1]
     middle, away = seen.pixels[0], seen.pixels[1] - seen.pixels[0]
-    if camera.period_px is not None and np.abs(away[:, 0]).max() > camera.period_px / 2:
-        away[:, 0] -= camera.period_px * np.rint(away[:, 0] / camera.period_px)
+    period = shot.camera.period_px
+    if period is not None and np.abs(away[:, 0]).max() > period / 2:
+        away[:, 0] -= period * np.rint(away[:, 0] / period)
     if not valid.all():
         middle, away = (np.where(valid[:, None], part, 0.0) for part in (middle, away))
     return middle, away, valid

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from palletloc.cameras.protocol import Projection
 from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 from palletloc.measurement import HeightPrior, Reason
 from palletloc.pallet import PalletModel
@@ -19,6 +20,8 @@ FINEST, COARSEST = 0.004, 0.012
 """Least and greatest metres per pixel of the patch."""
 MARGIN = 0.04
 """What the patch shows beyond the outermost hypothesis, in metres."""
+PROBE = 1e-3
+"""Length on the face by whose image the size of a pixel is found, in metres."""
 LARGEST = 120_000
 """Most pixels of a patch; a larger one is viewed more coarsely."""
 
@@ -39,7 +42,7 @@ class Search:
         """Where to measure, the best first, each with the view that shows it best."""
         if not self.finer:
             return [(peak.pose, self.patch) for peak in self.found.peaks]
-        peaks = [(peak, one.patch) for one in self.finer for peak in one.found.peaks]
+        peaks = [(peak, search.patch) for search in self.finer for peak in search.found.peaks]
         return [(peak.pose, patch) for peak, patch in sorted(peaks, key=lambda pair: -pair[0].score)]
 
 
@@ -77,9 +80,11 @@ def search(
     plane = shot.camera_in(base)
     if plane[2] < MIN_DISTANCE:
         return Reason.BEHIND_FACE
-    finest = _resolution(shot, base, model)
-    if finest is None:
+    middle = np.array([base.x, base.y, base.z + model.height / 2])
+    seen = shot.project(middle + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, PROBE]]))
+    if not seen.valid.all():
         return Reason.OUT_OF_VIEW
+    finest = _resolution(seen)
     resolution, turns = finest, _turns(base.yaw, yaws, config)
     while True:
         grid = _grid(plane, model, height is None, resolution, config, turns)
@@ -98,7 +103,7 @@ def search(
         return Search(patch, found)
     closer = _closer(grid, plane, config)
     around = [search(shot, peak.pose, model, height, closer, yaws) for peak in found.peaks]
-    return Search(patch, found, tuple(one for one in around if not isinstance(one, Reason)))
+    return Search(patch, found, tuple(each for each in around if not isinstance(each, Reason)))
 
 
 def _closer(grid: HypothesisGrid, plane: FloatArray, config: SearchConfig) -> SearchConfig:
@@ -118,15 +123,10 @@ def _closer(grid: HypothesisGrid, plane: FloatArray, config: SearchConfig) -> Se
     )
 
 
-def _resolution(shot: Shot, base: LevelPose, model: PalletModel) -> float | None:
-    """Return the size of a pixel of the image across the face's level lines, within bounds; None where unseen."""
-    step = 1e-3
-    middle = np.array([base.x, base.y, base.z + model.height / 2])
-    seen = shot.project(np.array([middle, [base.x, base.y, middle[2] + step]]))
-    if not seen.valid.all():
-        return None
+def _resolution(seen: Projection) -> float:
+    """Return the size of a pixel of the image across the face's level lines, within bounds."""
     moved = float(np.hypot(*(seen.pixels[1] - seen.pixels[0])))
-    return float(np.clip(step / max(moved, 1e-9), FINEST, COARSEST))
+    return float(np.clip(PROBE / max(moved, 1e-9), FINEST, COARSEST))
 
 
 def _grid(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TypeVar
 
 from palletloc.geometry import FloatArray, LevelPose
@@ -70,14 +70,6 @@ class Fit:
             return -math.inf
         return self.evidence.total - NATS_PER_EDGE * self.face.doubt
 
-    def widened(self, added: FloatArray) -> Fit:
-        """Return it with a (4, 4) covariance added to its own."""
-        return replace(self, covariance=self.covariance + added)
-
-    def refused(self, stage: Stage, reason: Reason) -> Refusal:
-        """Return the refusal that gives it up."""
-        return Refusal(self.candidate, stage, reason, self, self.steps)
-
     def measurement(self, shot: Shot) -> PalletMeasurement:
         """Return what it says of the pallet, with the shot's time and file."""
         return PalletMeasurement(
@@ -109,10 +101,6 @@ class Refusal:
     def likelihood(self) -> float:
         """How well what was measured explains the image, in nats; -inf where nothing was."""
         return -math.inf if self.fit is None else self.fit.likelihood
-
-    def widened(self, added: FloatArray) -> Refusal:
-        """Return it with a (4, 4) covariance added to that of what was measured."""
-        return self if self.fit is None else replace(self, fit=self.fit.widened(added))
 
 
 def steps_of(outcome: Fit | Refusal, kind: type[_Step]) -> list[_Step]:

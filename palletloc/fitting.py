@@ -142,14 +142,27 @@ def decide(best: Fit | Refusal, alternatives: Iterable[Iterable[Rival]], config:
             if isinstance(best, Refusal) and rival.instead is not None:
                 return rival.instead
             if isinstance(best, Fit) and rival.wins:
-                return rival.instead or best.refused(Stage.VERIFICATION, rival.reason)
+                return rival.instead or _given_up(best, rival.reason)
             odds.append(rival.nats)
             apart.append(rival.apart)
         if len(odds) > 1:
-            best = best.widened(_mixed(np.array(odds), np.array(apart)))
+            best = _widened(best, _mixed(np.array(odds), np.array(apart)))
     if isinstance(best, Fit) and best.face is not None and not of_use(best.covariance, config.verification):
-        return best.refused(Stage.VERIFICATION, Reason.UNCERTAIN)
+        return _given_up(best, Reason.UNCERTAIN)
     return best
+
+
+def _given_up(fit: Fit, reason: Reason) -> Refusal:
+    """Return the refusal of a fit that did not pass the checks of its pose."""
+    return Refusal(fit.candidate, Stage.VERIFICATION, reason, fit, fit.steps)
+
+
+def _widened(best: Fit | Refusal, added: FloatArray) -> Fit | Refusal:
+    """Return a fit, given up or not, with a (4, 4) covariance added to its own."""
+    if best.fit is None:
+        return best
+    wider = replace(best.fit, covariance=best.fit.covariance + added)
+    return wider if isinstance(best, Fit) else replace(best, fit=wider)
 
 
 def _mixed(odds: FloatArray, apart: FloatArray) -> FloatArray:
@@ -178,9 +191,9 @@ def _attempt(
     evidence = _evidence(patch, model, face)
     fit = Fit(candidate, pose, face.covariance, start.yaw_from, face, prior, evidence, steps)
     if candidate.height is not None and abs(pose.z - height.z) > MOST_OFF_LEVEL * height.sigma:
-        return fit.refused(Stage.VERIFICATION, Reason.OFF_LEVEL)
+        return _given_up(fit, Reason.OFF_LEVEL)
     failed = verify(evidence, config.verification)
-    return _compared(fit, face) if failed is None else fit.refused(Stage.VERIFICATION, failed)
+    return _compared(fit, face) if failed is None else _given_up(fit, failed)
 
 
 def _evidence(patch: FacePatch, model: PalletModel, face: FaceEstimate) -> Evidence:
@@ -199,7 +212,7 @@ def _compared(fit: Fit, face: FaceEstimate) -> Fit | Refusal:
         return fit
     apart = abs(lines.turn) / lines.sigma
     if apart > REFUSED_APART and abs(lines.turn) > np.radians(REFUSED_APART_DEG):
-        return fit.refused(Stage.VERIFICATION, Reason.YAW_DISAGREES)
+        return _given_up(fit, Reason.YAW_DISAGREES)
     if apart > DOUBTED_APART:
         return replace(fit, covariance=fit.covariance * (1 + lines.turn**2 / fit.covariance[3, 3]))
     return fit
@@ -211,9 +224,9 @@ def _with_doubt(shot: Shot, best: Fit | Refusal, weak: bool, config: LocalizerCo
     if fit is None or fit.face is None:
         return best
     doubt = fit.face.doubt - (WEAK_DOUBT if weak else config.face_fit.max_doubt)
-    best = best.widened(fit.covariance * max(doubt, 0.0) ** 2)
+    best = _widened(best, fit.covariance * max(doubt, 0.0) ** 2)
     if isinstance(best, Fit) and best.candidate.height is None:
-        return best.widened(_range_doubt(shot, fit, fit.face, config))
+        return _widened(best, _range_doubt(shot, fit, fit.face, config))
     return best
 
 

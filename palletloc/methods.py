@@ -14,7 +14,7 @@ from palletloc.paper.methods import measure_as_in_paper, measure_jointly, measur
 from palletloc.refinement.patch import FacePatch
 from palletloc.refinement.search import search
 from palletloc.rivals import Measure, own_start
-from palletloc.shot import Shot
+from palletloc.shot import Shot, out_of_sight
 
 
 def measure_refined(shot: Shot, candidate: Candidate, config: LocalizerConfig) -> Fit | Refusal:
@@ -34,13 +34,14 @@ def measure_refined(shot: Shot, candidate: Candidate, config: LocalizerConfig) -
     Fit or Refusal
         With the `palletloc.refinement.search.Search` among its steps.
     """
-    hidden = shot.out_of_sight(candidate.start, config.farthest_start)
+    camera = shot.camera_in(candidate.start)
+    hidden = out_of_sight(camera, config.farthest_start)
     if hidden is not None:
         return Refusal(candidate, Stage.START, hidden)
     found = search(shot, candidate.start, candidate.model, candidate.height, config.search, candidate.yaws)
     if isinstance(found, Reason):
         return Refusal(candidate, Stage.SEARCH, found)
-    source = horizontal_source(candidate.model, shot.camera_in(candidate.start), config.yaw)
+    source = horizontal_source(candidate.model, camera, config.yaw)
     weak = source is YawSource.FACE or candidate.height is None
 
     def prepared(start: LevelPose) -> FitStart:

@@ -57,7 +57,7 @@ def exclude_overlaps(outcomes: Sequence[Fit | Refusal], config: VerificationConf
     kept = list(outcomes)
     for k, (i, fit) in enumerate(places):
         if k not in stays and isinstance(outcomes[i], Fit):
-            kept[i] = fit.refused(Stage.VERIFICATION, Reason.OVERLAP)
+            kept[i] = Refusal(fit.candidate, Stage.VERIFICATION, Reason.OVERLAP, fit, fit.steps)
     return kept
 
 

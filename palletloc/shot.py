@@ -90,26 +90,6 @@ class Shot:
         forklift_from_face = pose.matrix() @ FACE_IN_PALLET
         return np.asarray(forklift_from_face[:3, :3].T @ (self.mounting.center - forklift_from_face[:3, 3]))
 
-    def out_of_sight(self, pose: LevelPose, farthest: float) -> Reason | None:
-        """Tell why a pallet's face cannot be seen at a pose.
-
-        Parameters
-        ----------
-        pose : LevelPose
-            ``forklift_from_pallet``.
-        farthest : float
-            How far from the camera it may be on the floor, in metres.
-
-        Returns
-        -------
-        Reason or None
-            `Reason.OUT_OF_RANGE`, `Reason.BEHIND_FACE` or None.
-        """
-        aside, _, before = self.camera_in(pose)
-        if np.hypot(aside, before) > farthest:
-            return Reason.OUT_OF_RANGE
-        return Reason.BEHIND_FACE if before < MIN_DISTANCE else None
-
     def camera_from_face(self, pose: LevelPose) -> FloatArray:
         """Return the plane of a pallet's face in the camera's frame, (4, 4): x right, y up."""
         return np.asarray(self.mounting.camera_from_forklift @ pose.matrix() @ FACE_IN_PALLET)
@@ -192,6 +172,27 @@ class Shot:
             return self
         image = np.asarray(cv2.convertScaleAbs(self.image, alpha=min(gain, MOST_GAIN)), dtype=np.uint8)
         return Shot(image, self.camera, self.mounting, self.time, self.file)
+
+
+def out_of_sight(camera: FloatArray, farthest: float) -> Reason | None:
+    """Tell why a pallet's face cannot be seen from a place.
+
+    Parameters
+    ----------
+    camera : (3,) array
+        The camera's centre in the face's coordinates, from `Shot.camera_in`, in metres.
+    farthest : float
+        How far away the face may be on the floor, in metres.
+
+    Returns
+    -------
+    Reason or None
+        `Reason.OUT_OF_RANGE`, `Reason.BEHIND_FACE` or None.
+    """
+    aside, _, before = camera
+    if np.hypot(aside, before) > farthest:
+        return Reason.OUT_OF_RANGE
+    return Reason.BEHIND_FACE if before < MIN_DISTANCE else None
 
 
 def shelf_points(shelf: ShelfPlane, heights: tuple[float, float], reach: float) -> FloatArray:

@@ -20,7 +20,7 @@ from palletloc.paper.position import sweep
 from palletloc.paper.yaw import find_lines, measure_line, measure_yaw
 from palletloc.refinement.face_fit import YawPrior
 from palletloc.refinement.patch import FacePatch, view_patch
-from palletloc.shot import Shot
+from palletloc.shot import Shot, out_of_sight
 
 NEAR_PEAK = 0.95
 """Hypotheses that score this part of the best one are taken for as good: the spread of the covariance."""
@@ -51,11 +51,12 @@ def measure_on_planes(shot: Shot, candidate: Candidate, config: LocalizerConfig)
     Fit or Refusal
         With lines, horizontal views, sweep and yaw among its steps.
     """
-    hidden = shot.out_of_sight(candidate.start, config.farthest_start)
+    camera = shot.camera_in(candidate.start)
+    hidden = out_of_sight(camera, config.farthest_start)
     if hidden is not None:
         return Refusal(candidate, Stage.START, hidden)
     model = candidate.model
-    source = horizontal_source(model, shot.camera_in(candidate.start), config.yaw)
+    source = horizontal_source(model, camera, config.yaw)
     turned, steps = _line_yaw(shot, candidate, source, config)
     swept = sweep(shot, turned, model, candidate.height, source is not YawSource.FACE, config.position)
     if isinstance(swept, Reason):
@@ -145,11 +146,12 @@ def measure_as_in_paper(shot: Shot, candidate: Candidate, config: LocalizerConfi
     Fit or Refusal
         The paper has no pose for a pallet level with the camera.
     """
-    hidden = shot.out_of_sight(candidate.start, config.farthest_start)
+    camera = shot.camera_in(candidate.start)
+    hidden = out_of_sight(camera, config.farthest_start)
     if hidden is not None:
         return Refusal(candidate, Stage.START, hidden)
     model = candidate.model
-    source = horizontal_source(model, shot.camera_in(candidate.start), config.yaw)
+    source = horizontal_source(model, camera, config.yaw)
     if source is YawSource.FACE:
         return Refusal(candidate, Stage.YAW, Reason.NO_LINE)
     pose = candidate.start
@@ -194,7 +196,7 @@ def measure_jointly(shot: Shot, candidate: Candidate, config: LocalizerConfig) -
     Fit or Refusal
         With the joint search among its steps.
     """
-    hidden = shot.out_of_sight(candidate.start, config.farthest_start)
+    hidden = out_of_sight(shot.camera_in(candidate.start), config.farthest_start)
     if hidden is not None:
         return Refusal(candidate, Stage.START, hidden)
     found = search_jointly(shot, candidate.start, candidate.model, config.joint_search)

@@ -17,11 +17,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from palletloc.face import EdgeKind, FaceEdge, FaceLine, contour_shift
-from palletloc.geometry import BoolArray, FloatArray, LevelPose
+from palletloc.geometry import BoolArray, FloatArray
 from palletloc.pallet import Opening, PalletModel
 from palletloc.refinement.edges import SeenFace
 from palletloc.refinement.normal_equations import FaceEquations, FaceSolution
-from palletloc.refinement.profiles import Profiles, cut_profiles, cuts_across
+from palletloc.refinement.profiles import Profiles, Samples, cut_profiles, cuts_across
 from palletloc.shot import Shot
 
 BOARD = 0.022
@@ -167,13 +167,13 @@ def _seen_height(opening: Opening, depth: float, plane_from_camera: FloatArray) 
 
 def _find_peaks(
     shot: Shot,
-    pose: LevelPose,
+    seen: SeenFace,
     model: PalletModel,
     edges: Sequence[DepthEdge],
     reach: FloatArray,
     pixel: tuple[float, float],
 ) -> DepthPeaks | None:
-    """Look for edges behind the face at a pose in the shot.
+    """Look for edges behind a face in the shot.
 
     ``reach`` is how far from its place each is looked for on the face's plane, ``pixel`` the size of a pixel of the
     image along the face's right and up, in metres. None where the camera does not see all of it.
@@ -181,19 +181,19 @@ def _find_peaks(
     if not edges:
         return None
     cuts = cuts_across([FaceLine(edge.image.kind, (edge.image,), edge.image) for edge in edges], pixel[1], pixel[1])
-    camera = shot.camera_in(pose)
-    shift = np.array([_shift(edge, camera, model.edge_radius) for edge in edges])
+    shift = np.array([_shift(edge, seen.plane_from_camera, model.edge_radius) for edge in edges])
     sizes = np.tile([pixel], (len(edges), 1))
-    profiles = cut_profiles(shot, shot.camera_from_face(pose), cuts, shift, reach, sizes)
+    profiles = cut_profiles(shot, seen.camera_from_face, cuts, shift, reach, sizes)
     if not profiles.valid.all():
         return None
-    places, shares = zip(*_peaks(profiles, [edge.outward for edge in edges]), strict=True)
+    gradient = profiles.gradient(SMOOTHING_PX)[cuts.inner]
+    places, shares = zip(*_peaks(profiles, gradient, [edge.outward for edge in edges]), strict=True)
     return DepthPeaks(tuple(edges), places, shares, reach)
 
 
-def _peaks(profiles: Profiles, outward: Sequence[float]) -> list[tuple[FloatArray, FloatArray]]:
+def _peaks(profiles: Profiles, gradient: Samples, outward: Sequence[float]) -> list[tuple[FloatArray, FloatArray]]:
     """Return the places and shares of the local maxima of each edge's mean gradient, above its median."""
-    gradient, cuts = profiles.gradient(SMOOTHING_PX)[profiles.cuts.inner], profiles.cuts
+    cuts = profiles.cuts
     firsts = np.flatnonzero(np.diff(cuts.line[cuts.inner], prepend=-1))
     counts = np.diff(firsts, append=len(gradient))[:, None]
     mean = np.add.reduceat(gradient.astype(np.float64), firsts, axis=0) / counts
@@ -236,7 +236,7 @@ class Vote:
 
 
 def add_depth_edges(
-    shot: Shot, pose: LevelPose, model: PalletModel, system: FaceEquations, alone: FaceSolution, doubt: float
+    shot: Shot, model: PalletModel, system: FaceEquations, alone: FaceSolution, doubt: float
 ) -> float:
     """Add to the least squares of a face what the edges behind it say, where they agree.
 
@@ -244,8 +244,6 @@ def add_depth_edges(
     ----------
     shot : Shot
         The shot.
-    pose : LevelPose
-        ``forklift_from_pallet`` where the face was measured.
     model : PalletModel
         The pallet.
     system : FaceEquations
@@ -268,7 +266,7 @@ def add_depth_edges(
     reach = np.clip(SEARCHED * np.sqrt(_spread(motion, alone).diagonal()) + MARGIN, LEAST_REACH, MOST_REACH)
     apart = np.array([_gap(edge, edges, model) > LEAST_GAP_PX * pixel[0] for edge in edges], dtype=bool)
     chosen = [edges[i] for i in np.flatnonzero(apart)]
-    peaks = _find_peaks(shot, pose, model, chosen, reach[apart], pixel)
+    peaks = _find_peaks(shot, system.seen, model, chosen, reach[apart], pixel)
     if peaks is None:
         return 0.0
     motion = motion[apart]

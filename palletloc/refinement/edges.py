@@ -10,13 +10,13 @@ from statistics import median
 
 import numpy as np
 
-from palletloc.edge_fit import EdgeFit, EdgePeaks, fit_edges
+from palletloc.edge_fit import EdgeFit
 from palletloc.face import EdgeKind, EdgeShift, FaceEdge, edge_shift, face_lines
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.measurement import Reason
 from palletloc.pallet import PalletModel
 from palletloc.refinement.occlusion import Spans, hidden_spans, is_hidden, joined
-from palletloc.refinement.profiles import MARGIN, Profiles, Samples, cut_profiles, face_cuts
+from palletloc.refinement.profiles import cut_profiles, face_cuts, fit_profiles
 from palletloc.shot import MIN_DISTANCE, Shot
 
 SMOOTHING_PX = 1.0
@@ -29,8 +29,6 @@ MOST_CLEAR = 0.7
 """Part of the edges that are clear in a good image: there, an edge that is not clear is not there."""
 BORDERING = 0.7
 """How much the edge says that parts the face from the pallet's own side, of the same wood in another light."""
-END_PIXELS = 1.0
-"""How many pixels of the image at each end of an edge are left out."""
 LEAST_REACH = 0.75
 """How far an edge is looked for at least, in pixels of the image."""
 BELONGS_PX = 0.5
@@ -59,6 +57,8 @@ class MeasuredEdge:
     """Where a camera should see it against the drawn edge, and how sure that is."""
     pixel: float
     """Size of a pixel of the image across the edge, in metres."""
+    evidence_weight: float
+    """How much it says whether it is seen, 0 to 1; see `SeenFace.evidence_weight`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +67,10 @@ class SeenFace:
 
     plane_from_camera: FloatArray
     """(3,) the camera's centre in the face's coordinates: right, up, towards the viewer, in metres."""
+    camera_from_face: FloatArray
+    """(4, 4) the face's plane in the camera's frame: x right, y up."""
+    lines: tuple[FaceEdge, ...]
+    """The lines of the face that the camera would see if nothing stood before it, from the first to the last end."""
     edges: tuple[MeasuredEdge, ...]
     """The edges that are seen."""
     expected: float
@@ -75,6 +79,11 @@ class SeenFace:
     """Stretches of the face that something stands before: (left, right) in metres."""
     hidden_part: float = 0.0
     """Part of the face's width that is hidden, 0 to 1."""
+
+    @property
+    def hidden_lines(self) -> tuple[FaceEdge, ...]:
+        """The lines that something stands before."""
+        return tuple(line for line in self.lines if is_hidden(line, self.hidden))
 
     def loaded(self, edge: FaceEdge) -> bool:
         """Tell whether a load may begin at an edge: at the upper one, seen from above."""
@@ -158,22 +167,30 @@ def measure_face(
     profiles = cut_profiles(shot, camera_from_face, cuts, mean, far, pixel)
     if not profiles.valid.all():
         return Reason.OUT_OF_VIEW
-    peaks, fits = _fits(profiles, SMOOTHING_PX)
+    peaks, fits = fit_profiles(profiles, SMOOTHING_PX)
     clear = sum(fit is not None and fit.coverage >= CLEAR_COVERAGE for fit in fits)
     if reach.faint and clear < MOST_CLEAR * len(fits):
-        peaks, faint = _fits(profiles, FAINT_SMOOTHING_PX)
+        peaks, faint = fit_profiles(profiles, FAINT_SMOOTHING_PX)
         fits = [_clearer(*both) for both in zip(fits, faint, strict=True)]
     belongs = np.maximum(BELONGS_PX * across, model.tolerance)
     hidden = joined(hidden_spans(cuts, peaks, fits, belongs), occluders) if reach.settled else joined(occluders)
     usual = median([fit.strength for fit in fits if fit is not None] or [0.0])
     edges = tuple(
-        MeasuredEdge(line.whole, fit, _sigma(fit, gap, model.tolerance, size, FAINT * usual), shift, size)
+        MeasuredEdge(
+            line.whole,
+            fit,
+            _sigma(fit, gap, model.tolerance, size, FAINT * usual),
+            shift,
+            size,
+            _evidence_weight(center, line.whole),
+        )
         for line, fit, gap, shift, size in zip(cuts.lines, fits, gaps, shifts, across.tolist(), strict=True)
         if fit is not None and not is_hidden(line.whole, hidden)
     )
     expected = sum(_evidence_weight(center, line.whole) for line in cuts.lines if not is_hidden(line.whole, hidden))
     hidden_part = sum(right - left for left, right in hidden) / model.width
-    return SeenFace(plane_from_camera, edges, expected, hidden, hidden_part)
+    lines = tuple(line.whole for line in cuts.lines)
+    return SeenFace(plane_from_camera, camera_from_face, lines, edges, expected, hidden, hidden_part)
 
 
 def _loaded(camera: FloatArray | Sequence[float], edge: FaceEdge) -> bool:
@@ -216,39 +233,11 @@ def _rung(size: float) -> float:
     return float(2.0 ** (round(2 * math.log2(size)) / 2))
 
 
-def _fits(profiles: Profiles, along_px: float) -> tuple[EdgePeaks, list[EdgeFit | None]]:
-    """Return the peaks on each edge and a line through them, with the image smoothed along by so many pixels."""
-    cuts, across, along = profiles.cuts, profiles.pixel[:, 0], profiles.pixel[:, 1]
-    # an upright edge stays upright: only level ones may tilt, by the yaw
-    tilt = np.where(cuts.level, np.inf, 0.5 * across / cuts.length)
-    peaks = _peaks(profiles, profiles.gradient(along_px))
-    return peaks, fit_edges(peaks, across, along, profiles.reach, tilt)
-
-
 def _clearer(fine: EdgeFit | None, smooth: EdgeFit | None) -> EdgeFit | None:
     """Return the fit of a faint edge that covers more of it."""
     if fine is None or smooth is None:
         return smooth if fine is None else fine
     return fine if fine.coverage >= min(CLEAR_COVERAGE, smooth.coverage) else smooth
-
-
-def _peaks(profiles: Profiles, gradient: Samples) -> EdgePeaks:
-    """Return the strongest true local maximum on each cut: the end of a slope would only return the prediction."""
-    cuts, count = profiles.cuts, gradient.shape[1]
-    # within the reach; the samples beyond it are only neighbours
-    left, middle, right = (
-        gradient[:, first : count - 2 * MARGIN + first] for first in (MARGIN - 1, MARGIN, MARGIN + 1)
-    )
-    offsets = profiles.offsets[MARGIN:-MARGIN]
-    peaked = (middle > left) & (middle >= right)
-    best = (middle * peaked).argmax(axis=1)
-    at = np.arange(len(best)) * count + best + MARGIN - 1
-    a, b, c = (gradient.ravel().take(at + which).astype(np.float64) for which in (0, 1, 2))
-    shift = np.minimum(np.maximum(0.5 * (a - c) / np.minimum(a - 2 * b + c, -1e-9), -0.5), 0.5)
-    offset = (offsets[best] + shift * (offsets[1] - offsets[0])) * profiles.reach[cuts.line]
-    trimmed = cuts.end < np.minimum(END_PIXELS * profiles.pixel[cuts.line, 1], cuts.shortest)
-    strength = np.where(trimmed, -1.0, b * peaked[np.arange(len(best)), best])
-    return EdgePeaks(cuts.in_line, cuts.by_line(offset, 0.0), cuts.by_line(strength, -1.0))
 
 
 @lru_cache(maxsize=64)

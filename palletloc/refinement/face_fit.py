@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palletloc.face import FaceEdge, visible_lines
+from palletloc.face import FaceEdge
 from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 from palletloc.measurement import HeightPrior, Reason
 from palletloc.pallet import PalletModel
@@ -22,7 +22,7 @@ from palletloc.refinement.depth_edges import add_depth_edges
 from palletloc.refinement.edges import EdgeReach, SeenFace, measure_face
 from palletloc.refinement.level_lines import LevelYaw, yaw_from_level_lines
 from palletloc.refinement.normal_equations import USED_WEIGHT, FaceEquations, FaceSolution
-from palletloc.refinement.occlusion import Spans, hidden_part, is_hidden
+from palletloc.refinement.occlusion import Spans, hidden_part
 from palletloc.shot import Shot
 
 SMALL_PART = 0.5
@@ -109,8 +109,6 @@ class FaceEstimate:
     """Mean squared normalised residual of the edges that count."""
     doubt: float
     """How many edges are missing or contradict the others; below about 1 the pose is the right one."""
-    lines: tuple[FaceEdge, ...]
-    """The lines of the face that the camera would see if nothing stood before it."""
     level_yaw: LevelYaw | None = None
     """What the level lines alone say of the yaw: how far from the pose's, in radians."""
     repeated: bool = False
@@ -121,12 +119,12 @@ class FaceEstimate:
     @property
     def hidden(self) -> tuple[FaceEdge, ...]:
         """Edges that something stands before."""
-        return _hidden(self.seen, self.lines)
+        return self.seen.hidden_lines
 
     @property
     def coverage(self) -> float:
         """Part of the face's edges that lies where the pose says, 0 to 1: the mean of level and upright ones."""
-        return _coverage(self.seen, self.lines, self.weights)
+        return _coverage(self.seen, self.weights)
 
 
 def fit_face(
@@ -181,11 +179,11 @@ def fit_face(
             system.add_slopes(config.slope_error_px)
             system.add_turn(-turned, prior.yaw_spread)
         solution = system.solve()
-        estimate = _estimate(seen, pose, model, solution)
-        evidence = add_depth_edges(shot, pose, model, system, solution, estimate.doubt) if near else 0.0
+        estimate = _estimate(seen, pose, solution)
+        evidence = add_depth_edges(shot, model, system, solution, estimate.doubt) if near else 0.0
         if evidence > 0:
             solution = system.solve()
-            estimate = _estimate(seen, pose, model, solution, evidence)
+            estimate = _estimate(seen, pose, solution, evidence)
         found = _Round(estimate, solution)
         if float(solution.sigma[:3].max()) > config.max_sigma:
             return Reason.FEW_EDGES
@@ -259,9 +257,7 @@ def _seen(
     return Reason.HIDDEN if seen.hidden_part > config.max_hidden else seen
 
 
-def _estimate(
-    seen: SeenFace, pose: LevelPose, model: PalletModel, solution: FaceSolution, behind: float = 0.0
-) -> FaceEstimate:
+def _estimate(seen: SeenFace, pose: LevelPose, solution: FaceSolution, behind: float = 0.0) -> FaceEstimate:
     right, up, depth, turn = (float(value) for value in solution.motion)
     cos, sin = float(np.cos(pose.yaw)), float(np.sin(pose.yaw))
     moved = LevelPose(
@@ -272,24 +268,18 @@ def _estimate(
     )
     forklift_from_face = np.array([[sin, 0, cos, 0], [-cos, 0, sin, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
     covariance = forklift_from_face @ solution.covariance @ forklift_from_face.T
-    lines = tuple(line.whole for line in visible_lines(model, seen.plane_from_camera))
-    doubt = _doubt(seen, lines, solution, behind)
-    return FaceEstimate(moved, covariance, seen, solution.weights, solution.chi2, doubt, lines, behind=behind)
+    doubt = _doubt(seen, solution, behind)
+    return FaceEstimate(moved, covariance, seen, solution.weights, solution.chi2, doubt, behind=behind)
 
 
-def _doubt(seen: SeenFace, lines: Sequence[FaceEdge], solution: FaceSolution, behind: float) -> float:
+def _doubt(seen: SeenFace, solution: FaceSolution, behind: float) -> float:
     """Return how many edges are missing or contradict the others, with what the edges behind the face make up for."""
-    says = np.array([seen.evidence_weight(edge.edge) for edge in seen.edges])
-    missing = seen.expected - float(says @ solution.weights) + HIDDEN_DOUBT * len(_hidden(seen, lines))
+    says = np.array([edge.evidence_weight for edge in seen.edges])
+    missing = seen.expected - float(says @ solution.weights) + HIDDEN_DOUBT * len(seen.hidden_lines)
     return max(missing + max(solution.chi2 - 1.0, 0.0) - EDGES_PER_NAT * behind, 0.0)
 
 
-def _hidden(seen: SeenFace, lines: Sequence[FaceEdge]) -> tuple[FaceEdge, ...]:
-    """Return the lines that something stands before."""
-    return tuple(line for line in lines if is_hidden(line, seen.hidden))
-
-
-def _coverage(seen: SeenFace, lines: Sequence[FaceEdge], weights: FloatArray) -> float:
+def _coverage(seen: SeenFace, weights: FloatArray) -> float:
     """Return the part of the edges that is seen: upright ones count as much as level ones, which are longer.
 
     A line on the floor covers every level edge of a face and no upright one; what is found of those is far fainter.
@@ -302,11 +292,11 @@ def _coverage(seen: SeenFace, lines: Sequence[FaceEdge], weights: FloatArray) ->
     for direction in (True, False) if upright > FAINT_UPRIGHT * level else (True,):
         visible = sum(
             seen.evidence_weight(line) * line.length * (1 - hidden_part(line.start[0], line.end[0], seen.hidden))
-            for line in lines
+            for line in seen.lines
             if line.horizontal is direction
         )
         covered = sum(
-            seen.evidence_weight(edge.edge) * edge.edge.length * edge.fit.coverage
+            edge.evidence_weight * edge.edge.length * edge.fit.coverage
             for edge, weight in zip(seen.edges, weights, strict=True)
             if edge.edge.horizontal is direction and weight > USED_WEIGHT
         )

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from palletloc.edge_fit import EdgeFit, EdgePeaks, fit_edges
 from palletloc.face import FaceEdge, FaceLine, face_lines
 from palletloc.geometry import BoolArray, FloatArray
 from palletloc.pallet import PalletModel
@@ -23,6 +24,8 @@ FEWEST_CUTS = 8
 """Fewest cuts across one stretch."""
 PADS = 2
 """Cuts beyond each end of a stretch that only keep smoothing from reaching the next stretch."""
+END_PIXELS = 1.0
+"""How many pixels of the image at each end of an edge are left out."""
 STEP_PX = 0.5
 """Samples of a profile lie at most this far apart, in pixels of the image."""
 MARGIN = 2
@@ -290,3 +293,46 @@ def _derivative(sampled: Samples, across: float, along: float) -> Samples:
     if change.ndim == 2:
         return np.asarray(np.abs(change), dtype=np.float32)
     return np.sqrt(np.asarray(cv2.transform(change * change, _SUM), dtype=np.float32))
+
+
+def fit_profiles(profiles: Profiles, along_px: float) -> tuple[EdgePeaks, list[EdgeFit | None]]:
+    """Find the peaks on each line and fit a robust line through them.
+
+    Parameters
+    ----------
+    profiles : Profiles
+        The image along the cuts.
+    along_px : float
+        Standard deviation of the smoothing along a line, in pixels of the image.
+
+    Returns
+    -------
+    peaks : EdgePeaks
+        The strongest on each cut.
+    fits : list of EdgeFit or None
+        Of each line; None where too few peaks make one.
+    """
+    cuts, across, along = profiles.cuts, profiles.pixel[:, 0], profiles.pixel[:, 1]
+    # an upright edge stays upright: only level ones may tilt, by the yaw
+    tilt = np.where(cuts.level, np.inf, 0.5 * across / cuts.length)
+    peaks = _peaks(profiles, profiles.gradient(along_px))
+    return peaks, fit_edges(peaks, across, along, profiles.reach, tilt)
+
+
+def _peaks(profiles: Profiles, gradient: Samples) -> EdgePeaks:
+    """Return the strongest true local maximum on each cut: the end of a slope would only return the prediction."""
+    cuts, count = profiles.cuts, gradient.shape[1]
+    # within the reach; the samples beyond it are only neighbours
+    left, middle, right = (
+        gradient[:, first : count - 2 * MARGIN + first] for first in (MARGIN - 1, MARGIN, MARGIN + 1)
+    )
+    offsets = profiles.offsets[MARGIN:-MARGIN]
+    peaked = (middle > left) & (middle >= right)
+    best = (middle * peaked).argmax(axis=1)
+    at = np.arange(len(best)) * count + best + MARGIN - 1
+    a, b, c = (gradient.ravel().take(at + which).astype(np.float64) for which in (0, 1, 2))
+    shift = np.minimum(np.maximum(0.5 * (a - c) / np.minimum(a - 2 * b + c, -1e-9), -0.5), 0.5)
+    offset = (offsets[best] + shift * (offsets[1] - offsets[0])) * profiles.reach[cuts.line]
+    trimmed = cuts.end < np.minimum(END_PIXELS * profiles.pixel[cuts.line, 1], cuts.shortest)
+    strength = np.where(trimmed, -1.0, b * peaked[np.arange(len(best)), best])
+    return EdgePeaks(cuts.in_line, cuts.by_line(offset, 0.0), cuts.by_line(strength, -1.0))

@@ -162,7 +162,9 @@ def measure_face(
     if reach.settled:
         far = np.minimum(far, np.maximum(0.5 * np.array(gaps), LEAST_REACH * across))
     center = plane_from_camera.tolist()
-    shifts = [edge_shift(line.whole, center, model) for line in cuts.lines]
+    lines = tuple(line.whole for line in cuts.lines)
+    weights = [_evidence_weight(center, line) for line in lines]
+    shifts = [edge_shift(line, center, model) for line in lines]
     mean = np.array([shift.mean for shift in shifts])
     profiles = cut_profiles(shot, camera_from_face, cuts, mean, far, pixel)
     if not profiles.valid.all():
@@ -176,20 +178,14 @@ def measure_face(
     hidden = joined(hidden_spans(cuts, peaks, fits, belongs), occluders) if reach.settled else joined(occluders)
     usual = median([fit.strength for fit in fits if fit is not None] or [0.0])
     edges = tuple(
-        MeasuredEdge(
-            line.whole,
-            fit,
-            _sigma(fit, gap, model.tolerance, size, FAINT * usual),
-            shift,
-            size,
-            _evidence_weight(center, line.whole),
+        MeasuredEdge(line, fit, _sigma(fit, gap, model.tolerance, size, FAINT * usual), shift, size, weight)
+        for line, fit, gap, shift, size, weight in zip(
+            lines, fits, gaps, shifts, across.tolist(), weights, strict=True
         )
-        for line, fit, gap, shift, size in zip(cuts.lines, fits, gaps, shifts, across.tolist(), strict=True)
-        if fit is not None and not is_hidden(line.whole, hidden)
+        if fit is not None and not is_hidden(line, hidden)
     )
-    expected = sum(_evidence_weight(center, line.whole) for line in cuts.lines if not is_hidden(line.whole, hidden))
+    expected = sum(weight for line, weight in zip(lines, weights, strict=True) if not is_hidden(line, hidden))
     hidden_part = sum(right - left for left, right in hidden) / model.width
-    lines = tuple(line.whole for line in cuts.lines)
     return SeenFace(plane_from_camera, camera_from_face, lines, edges, expected, hidden, hidden_part)
 
 

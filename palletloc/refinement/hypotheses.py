@@ -15,7 +15,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from palletloc.geometry import FloatArray, LevelPose, wrap_angle
+from palletloc.geometry import FloatArray, LevelPose
 from palletloc.matching import Energy
 from palletloc.pallet import PalletModel
 from palletloc.refinement.occlusion import Spans
@@ -219,7 +219,7 @@ def _pose(patch: FacePatch, sliding: bool, turn: float, distance: float, place: 
         patch.base.x + sin * right + cos * depth,
         patch.base.y - cos * right + sin * depth,
         patch.base.z + up,
-        wrap_angle(patch.base.yaw + turn),
+        math.remainder(patch.base.yaw + turn, math.tau),
     )
 
 

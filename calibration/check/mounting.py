@@ -128,7 +128,7 @@ def check_mounting(recording: Recording, on_progress: Callable[[str], None] = la
     # These were measured after the upright edges had been made plumb: against the stated mounting that comes on top.
     tilts = [] if plumb is None else [NamedTilt(VERTICALS, plumb)]
     tilts += [NamedTilt(name, _on_top(tilt, start)) for name, tilt in rest.items() if tilt is not None]
-    told = {one.method for one in tilts}
+    told = {source.method for source in tilts}
     absent = tuple(Absent(name, why) for name, why in _WHY.items() if name not in told)
     yaw, yaws = _yaws(survey)
     if not tilts:
@@ -193,9 +193,9 @@ def _level(segments: Sequence[Segments], spread: FloatArray, survey: ShelfSurvey
         return None
     upright = Rotation.from_rotvec([-turn[0], -turn[1], 0.0])
     found = []
-    for one, number in zip(segments, spread, strict=True):
+    for edges, number in zip(segments, spread, strict=True):
         heading = float(plane.yaw - np.pi / 2 - survey.bundle.poses[int(number), 2])
-        leveled = replace(one, normals=upright.apply(one.normals), middles=upright.apply(one.middles))
+        leveled = replace(edges, normals=upright.apply(edges.normals), middles=upright.apply(edges.middles))
         direction = level_direction(leveled, heading)
         if direction is not None:
             found.append((direction, heading))
@@ -211,9 +211,9 @@ def _yaws(survey: ShelfSurvey) -> tuple[tuple[float, float] | None, tuple[NamedY
     seen = seen_yaw(survey)
     yaws = []
     for name, observed in kinds.items():
-        one = seen_yaw(replace(survey, observed=observed)) if observed.pallets or observed.edges else None
-        if one is not None:
-            yaws.append(NamedYaw(name, -one[0], one[1]))
+        turned = seen_yaw(replace(survey, observed=observed)) if observed.pallets or observed.edges else None
+        if turned is not None:
+            yaws.append(NamedYaw(name, -turned[0], turned[1]))
     return (None if seen is None else (-seen[0], seen[1])), tuple(yaws)
 
 

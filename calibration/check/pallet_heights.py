@@ -94,15 +94,15 @@ def see_heights(survey: ShelfSurvey) -> HeightSights | None:
     recording, bundle = survey.recording, survey.bundle
     if not len(bundle.pallets):
         return None
-    seen = np.array([one.pose.z for one in survey.observed.pallets])
+    seen = np.array([sight.pose.z for sight in survey.observed.pallets])
     owner = survey.observed.pallet_of
     heights = np.array([float(np.median(seen[owner == i])) for i in range(len(bundle.pallets))])
     config = replace(LocalizerConfig(), prior=replace(LocalizerConfig().prior, free_sigma=_FREE))
     localizer = Localizer(recording.camera, recording.mounting, recording.models, config=config)
-    shots = np.unique([one.shot for one in survey.observed.pallets])
+    shots = np.unique([sight.shot for sight in survey.observed.pallets])
     rows: list[tuple[float, ...]] = []
     for number in shots[np.unique(np.linspace(0, len(shots) - 1, _MOST_SHOTS).round().astype(int))]:
-        mine = [i for one, i in zip(survey.observed.pallets, owner, strict=True) if one.shot == number]
+        mine = [i for sight, i in zip(survey.observed.pallets, owner, strict=True) if sight.shot == number]
         mine = list(dict.fromkeys(int(i) for i in mine))
         there = relative(bundle.poses[number], bundle.pallets[mine])
         starts = [
@@ -111,9 +111,16 @@ def see_heights(survey: ShelfSurvey) -> HeightSights | None:
         ]
         shot = recording.shots[survey.shots[int(number)]]
         found = localizer.localize_from(recording.image(shot), shot.time, starts, (), shot.file)
-        for i, place, one in zip(mine, there, found, strict=True):
-            if one is not None and one.model == survey.models[i].name:
-                rows.append((i, *_sight(one.forklift_from_pallet, one.covariance, recording.mounting.center, place)))
+        for i, place, measurement in zip(mine, there, found, strict=True):
+            if measurement is not None and measurement.model == survey.models[i].name:
+                rows.append(
+                    (
+                        i,
+                        *_sight(
+                            measurement.forklift_from_pallet, measurement.covariance, recording.mounting.center, place
+                        ),
+                    )
+                )
     if len(rows) < _LEAST_SIGHTS:
         return None
     levels = np.array(recording.shelf.levels or (np.inf,))

@@ -117,9 +117,19 @@ def side_by_side(first: FiledCamera, second: FiledCamera) -> DualFisheye | None:
     width = left.width + right.width
     lenses = [
         KannalaBrandt(
-            width, one.height, one.fx, one.fy, one.cx + offset, one.cy, one.k1, one.k2, one.k3, one.k4, one.max_angle
+            width,
+            lens.height,
+            lens.fx,
+            lens.fy,
+            lens.cx + offset,
+            lens.cy,
+            lens.k1,
+            lens.k2,
+            lens.k3,
+            lens.k4,
+            lens.max_angle,
         )
-        for one, offset in ((left, 0), (right, left.width))
+        for lens, offset in ((left, 0), (right, left.width))
     ]
     middle = RigidTransform.from_translation(second.first_from_camera.translation / 2)
     return DualFisheye(

@@ -66,7 +66,7 @@ class Fields:
         """
         if not isinstance(self.value, list):
             raise self.fault("a list")
-        return [Fields(self.path, f"{self.place}[{i}]", one) for i, one in enumerate(self.value)]
+        return [Fields(self.path, f"{self.place}[{i}]", value) for i, value in enumerate(self.value)]
 
     def number(self) -> float:
         """Return a finite number.
@@ -94,7 +94,7 @@ class Fields:
         """
         if not isinstance(self.value, list) or len(self.value) not in counts:
             raise self.fault(f"{' or '.join(str(count) for count in counts)} numbers")
-        return tuple(one.number() for one in self.items())
+        return tuple(item.number() for item in self.items())
 
     def size(self) -> tuple[int, int]:
         """Return width and height in pixels from a list of two.

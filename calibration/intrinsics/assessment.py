@@ -65,7 +65,7 @@ def check_fit(fit: LensFit, cameras: Sequence[LensCamera], apertures: Sequence[f
         coverage_of(fit, lens, camera, aperture)
         for lens, (camera, aperture) in enumerate(zip(cameras, apertures, strict=True))
     )
-    angles = tuple(np.linspace(0.02, one.max_angle, 25) for one in coverage)
+    angles = tuple(np.linspace(0.02, cover.max_angle, 25) for cover in coverage)
     sigmas = tuple(
         bearing_sigma(model, values, fit.covariance[at, at], angle)
         for model, values, at, angle in zip(fit.bundle.models, fit.rig.values, parameters, angles, strict=True)
@@ -188,12 +188,12 @@ def _correlated(fit: LensFit) -> list[Finding]:
 
 def _covered(coverage: Sequence[Coverage]) -> list[Finding]:
     findings = []
-    for lens, one in enumerate(coverage):
-        share = float(one.filled.mean())
-        if share < _LEAST_COVER or one.reach < _LEAST_REACH:
+    for lens, cover in enumerate(coverage):
+        share = float(cover.filled.mean())
+        if share < _LEAST_COVER or cover.reach < _LEAST_REACH:
             what = (
                 f"lens {lens}: corners fill {100 * share:.0f} % of the field and reach"
-                f" {np.degrees(one.max_angle):.0f} degrees off axis, {100 * one.reach:.0f} % of the way to the"
+                f" {np.degrees(cover.max_angle):.0f} degrees off axis, {100 * cover.reach:.0f} % of the way to the"
                 " rim of the image"
             )
             how = "take shots with the board in the empty sectors of the coverage map"

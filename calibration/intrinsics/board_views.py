@@ -205,7 +205,7 @@ def _equidistant(task: IntrinsicsTask, lens: int) -> KannalaBrandt:
     aperture = task.apertures[lens]
     focal = _FOCAL_GUESS * aperture.width
     reach = float(np.hypot(*task.size)) / 2 / focal
-    column, row = (float(one) for one in aperture.center)
+    column, row = (float(value) for value in aperture.center)
     return KannalaBrandt(*task.size, focal, focal, column, row, max_angle=min(reach, _WIDEST))
 
 
@@ -213,7 +213,7 @@ def _merge_same_corners(found: Collected) -> None:
     """Drop views whose corners another view has, too."""
     kept: list[BoardView] = []
     for view in found.views:
-        twin = next((one for one in kept if _same(one, view)), None)
+        twin = next((earlier for earlier in kept if _same(earlier, view)), None)
         if twin is None:
             kept.append(view)
         else:
@@ -221,10 +221,10 @@ def _merge_same_corners(found: Collected) -> None:
     found.views = kept
 
 
-def _same(one: BoardView, other: BoardView) -> bool:
-    if one.shot == other.shot or one.lens != other.lens or one.pixels.shape != other.pixels.shape:
+def _same(first: BoardView, second: BoardView) -> bool:
+    if first.shot == second.shot or first.lens != second.lens or first.pixels.shape != second.pixels.shape:
         return False
-    return bool(np.abs(one.pixels - other.pixels).max() < _SAME_PX and np.array_equal(one.points, other.points))
+    return bool(np.abs(first.pixels - second.pixels).max() < _SAME_PX and np.array_equal(first.points, second.points))
 
 
 def measure_again(

@@ -90,7 +90,7 @@ def _from_storage(path: Path, size: tuple[int, int]) -> list[BoardView]:
     stated = storage.numbers("imageSize")
     if stated is not None and tuple(stated) != size:
         raise InputError(
-            f"{path}: imageSize: is {' x '.join(f'{one:g}' for one in stated)} px, the camera is"
+            f"{path}: imageSize: is {' x '.join(f'{side:g}' for side in stated)} px, the camera is"
             f" {size[0]} x {size[1]} px"
         )
     views = []

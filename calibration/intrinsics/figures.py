@@ -29,21 +29,21 @@ def coverage_figure(coverage: Sequence[Coverage]) -> Figure:
     figure = _titled(
         560, "Coverage", f"Angle off axis ({_DEGREE}) from the middle outwards; grey: sectors without a corner"
     )
-    for lens, one in enumerate(coverage):
+    for lens, cover in enumerate(coverage):
         left = _LEFT + lens * (_SIDE + 120)
         axes = add_axes(figure, left, _HEAD + 10, _SIDE, _SIDE)
-        limit = 1.05 * np.degrees(one.max_angle)
+        limit = 1.05 * np.degrees(cover.max_angle)
         axes.set(xlim=(-limit, limit), ylim=(limit, -limit))
         axes.set_aspect("equal")
-        rings = np.degrees(one.max_angle) * np.arange(len(one.filled) + 1) / len(one.filled)
-        for (ring, sector), filled in np.ndenumerate(one.filled):
+        rings = np.degrees(cover.max_angle) * np.arange(len(cover.filled) + 1) / len(cover.filled)
+        for (ring, sector), filled in np.ndenumerate(cover.filled):
             if not filled:
                 turn = 2 * np.pi * (sector + np.linspace(0, 1, 9)) / SECTORS
                 edge = np.concatenate([rings[ring] * np.exp(1j * turn), rings[ring + 1] * np.exp(1j * turn[::-1])])
                 axes.fill(edge.real, edge.imag, color=GRID)
-        away = np.degrees(one.angle)
-        axes.plot(away * np.cos(one.azimuth), away * np.sin(one.azimuth), ".", color=SERIES[lens], markersize=3)
-        axes.set_xlabel(f"lens {lens}: {100 * one.filled.mean():.0f} % of the sectors filled")
+        away = np.degrees(cover.angle)
+        axes.plot(away * np.cos(cover.azimuth), away * np.sin(cover.azimuth), ".", color=SERIES[lens], markersize=3)
+        axes.set_xlabel(f"lens {lens}: {100 * cover.filled.mean():.0f} % of the sectors filled")
     return figure
 
 

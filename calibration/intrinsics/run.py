@@ -96,7 +96,7 @@ def _calibrate(
     camera = fitted_camera(fit, task.size, task.max_angle)
     if isinstance(camera, Finding):
         return LensReport(lens.name, (*findings, camera), found, fit)
-    checked = check_fit(fit, camera.lenses, [one.width for one in task.apertures])
+    checked = check_fit(fit, camera.lenses, [aperture.width for aperture in task.apertures])
     return LensReport(lens.name, (*findings, *checked.findings), found, fit, camera, checked)
 
 

@@ -114,8 +114,8 @@ def _result(fit: StitchedFit) -> Iterator[str]:
     yield heading("The correction")
     yield paragraph("Back lens against its nominal place in the front lens's frame, and how each lens bends.")
     yield table((Column("", is_text=True), Column("value"), Column("sigma")), rows)
-    for one, name in ((fit.before, "before"), (fit.after, "after")):
-        yield picture(embedded(small_png(_halves_figure(one, name))), f"Residuals {name} the correction.")
+    for lens_fit, name in ((fit.before, "before"), (fit.after, "after")):
+        yield picture(embedded(small_png(_halves_figure(lens_fit, name))), f"Residuals {name} the correction.")
 
 
 def _halves_figure(fit: LensFit, name: str) -> Figure:

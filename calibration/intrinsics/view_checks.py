@@ -21,8 +21,8 @@ def view_findings(task: IntrinsicsTask, found: Collected) -> list[Finding]:
         What the shots show.
     """
     findings = [
-        Finding(Severity.WARNING, "duplicate_view", f"{one} is the same as {other}; it counts once", "take it out")
-        for one, other in found.duplicates
+        Finding(Severity.WARNING, "duplicate_view", f"{twin} is the same as {earlier}; it counts once", "take it out")
+        for twin, earlier in found.duplicates
     ]
     findings += [
         Finding(Severity.WARNING, "no_board", f"{shot} shows no whole board", "take it out or again")

@@ -98,8 +98,8 @@ class Bundle:
             for name in model.parameters
         ]
         pose = ("rx", "ry", "rz", "x", "y", "z")
-        names += [f"lens{lens}.{one}" for lens in range(1, len(self.models)) for one in pose]
-        return (*names, *(f"board{board}.{one}" for board in range(1, self.boards) for one in pose))
+        names += [f"lens{lens}.{axis}" for lens in range(1, len(self.models)) for axis in pose]
+        return (*names, *(f"board{board}.{axis}" for board in range(1, self.boards) for axis in pose))
 
     def columns(self) -> tuple[list[slice], list[slice], list[slice]]:
         """Return where each lens's parameters, its pose and each board's pose stand among the shared unknowns."""
@@ -147,7 +147,7 @@ class Bundle:
         """Return a rig after a step, or None where its parameters describe no lens."""
         parameters, lens_poses, board_poses = self.columns()
         values = tuple(old + shared[at] for old, at in zip(rig.values, parameters, strict=True))
-        if not all(model.admits(one) for model, one in zip(self.models, values, strict=True)):
+        if not all(model.admits(lens) for model, lens in zip(self.models, values, strict=True)):
             return None
         still = np.zeros((1, 6))
         lenses, boards = (

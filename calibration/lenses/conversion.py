@@ -90,14 +90,14 @@ def convert_lens(camera: CameraModel, model: LensModel, max_angle: float = np.pi
             candidates.append(model.camera(values, (camera.width, camera.height), reach + 1e-9))
         except ValueError:
             continue
-    found = [(difference(camera, one, max_angle), one) for one in candidates]
-    seen = [(left.rms, one) for left, one in found if left.unseen < 0.5]
+    found = [(difference(camera, candidate, max_angle), candidate) for candidate in candidates]
+    seen = [(left.rms, candidate) for left, candidate in found if left.unseen < 0.5]
     if not seen:
         raise ConversionError(
             f"{model.name} cannot image {np.degrees(reach):.0f} degrees off axis as this camera does;"
             " expected a smaller field (--max-angle-deg) or another model"
         )
-    return min(seen, key=lambda one: one[0])[1]
+    return min(seen, key=lambda found: found[0])[1]
 
 
 def _own_angle(camera: CameraModel, max_angle: float) -> float:

@@ -114,7 +114,7 @@ def fit_lenses(
     """
     started, values, poses = _start(views, models, apertures)
     names = {view.name for view in started}
-    ordered = sorted(zip(started, poses, strict=True), key=lambda one: one[0].shot)
+    ordered = sorted(zip(started, poses, strict=True), key=lambda pair: pair[0].shot)
     numbers = {shot: i for i, shot in enumerate(dict.fromkeys(view.shot for view, _ in ordered))}
     kept = tuple(replace(view, shot=numbers[view.shot]) for view, _ in ordered)
     linked = link(kept, [pose for _, pose in ordered], len(models), boards)

@@ -149,8 +149,8 @@ def _brown_image(rays: FloatArray, shape: FloatArray) -> PlaneImage:
 
 _ANY = np.inf
 MODELS = {
-    one.name: one
-    for one in (
+    model.name: model
+    for model in (
         LensModel(
             "kannala_brandt", ("k1", "k2", "k3", "k4"), ((0.0,) * 4,), KannalaBrandt, fisheye_image,
             (-_ANY,) * 4, (_ANY,) * 4,

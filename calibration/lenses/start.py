@@ -114,7 +114,7 @@ def _posed(
 ) -> list[RigidTransform | None]:
     """Return each board's pose through a lens that is known well: from the one given or from the equations anew."""
     candidates = [
-        [one for one in (pose, _pose_through(view, values)) if one is not None]
+        [candidate for candidate in (pose, _pose_through(view, values)) if candidate is not None]
         for view, pose in zip(views, poses, strict=True)
     ]
     seen = [
@@ -170,10 +170,10 @@ def start_model(
     """
     rays = [pose.apply(view.points) for view, pose in zip(views, poses, strict=True)]
     limit = _PERSPECTIVE_LIMIT if model.name == "pinhole" else np.pi
-    near = [one[:, 0] > np.cos(limit) * np.linalg.norm(one, axis=-1) for one in rays]
+    near = [directions[:, 0] > np.cos(limit) * np.linalg.norm(directions, axis=-1) for directions in rays]
     if model is _FISHEYE:
         return [fisheye], near
-    chosen = np.concatenate([one[keep] for one, keep in zip(rays, near, strict=True)])
+    chosen = np.concatenate([directions[keep] for directions, keep in zip(rays, near, strict=True)])
     pixels = _FISHEYE.evaluate(fisheye, chosen).pixels
     starts = model.start_values(float(fisheye[:2].mean()), fisheye[2:4])
     return [match_lens(model, start, chosen, pixels) for start in starts], near

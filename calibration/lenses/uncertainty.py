@@ -28,7 +28,7 @@ def bearing_sigma(model: LensModel, values: FloatArray, covariance: FloatArray, 
         Off axis, in radians; the model must image them.
     """
     around = 2 * np.pi * np.arange(_AZIMUTHS) / _AZIMUTHS
-    angle, azimuth = (one.ravel() for one in np.meshgrid(angles, around, indexing="ij"))
+    angle, azimuth = (grid.ravel() for grid in np.meshgrid(angles, around, indexing="ij"))
     rays = np.stack([np.cos(angle), np.sin(angle) * np.cos(azimuth), np.sin(angle) * np.sin(azimuth)], axis=-1)
     imaged = model.evaluate(values, rays)
     # How a bearing turns when its pixel moves: the inverse of the derivative, across the ray.

@@ -56,8 +56,8 @@ def assess_shelf(survey: ShelfSurvey) -> ShelfAssessment:
 
 
 def _nothing(survey: ShelfSurvey) -> Finding:
-    reasons = "; ".join(f"{one.method}: {one.what}" for one in survey.skipped)
-    codes = {one.code for one in survey.skipped}
+    reasons = "; ".join(f"{skipped.method}: {skipped.what}" for skipped in survey.skipped)
+    codes = {skipped.code for skipped in survey.skipped}
     code = next((code for code in ("few_shots", "along_the_ray", "short_baseline") if code in codes), "nothing_seen")
     how = (
         "drive along the shelf past two of its uprights or past pallets of a model that recording.yaml names;"
@@ -113,10 +113,16 @@ def _uncertainty(fused: FusedPlane) -> Iterator[Finding]:
 
 
 def _restrictions(survey: ShelfSurvey) -> Iterator[Finding]:
-    names = {one.method for one in survey.estimates}
-    for one in survey.skipped:
-        how = "drive along the shelf past two uprights" if one.method == UPRIGHTS else "expected where there are none"
-        yield Finding(Severity.WARNING if one.method == UPRIGHTS else Severity.NOTE, one.code, one.what, how)
+    names = {estimate.method for estimate in survey.estimates}
+    for skipped in survey.skipped:
+        how = (
+            "drive along the shelf past two uprights"
+            if skipped.method == UPRIGHTS
+            else "expected where there are none"
+        )
+        yield Finding(
+            Severity.WARNING if skipped.method == UPRIGHTS else Severity.NOTE, skipped.code, skipped.what, how
+        )
     if survey.front is Front.UPRIGHTS and UPRIGHTS not in names:
         yield Finding(
             Severity.WARNING,

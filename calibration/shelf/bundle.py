@@ -113,14 +113,14 @@ class _Problem:
         self.drive, self.camera = observed.drive, observed.camera
         self.shots = len(self.drive.steps)
         self.pallet_of = observed.pallet_of
-        self.pallet_shot = np.array([one.shot for one in observed.pallets], np.intp)
-        self.planar = np.array([one.planar for one in observed.pallets]).reshape(-1, 3)
-        self.whiten = np.array([_whitener(one.covariance) for one in observed.pallets]).reshape(-1, 3, 3)
+        self.pallet_shot = np.array([sight.shot for sight in observed.pallets], np.intp)
+        self.planar = np.array([sight.planar for sight in observed.pallets]).reshape(-1, 3)
+        self.whiten = np.array([_whitener(sight.covariance) for sight in observed.pallets]).reshape(-1, 3, 3)
         self.pallets = int(self.pallet_of.max(initial=-1)) + 1
-        self.edge_of = np.array([one.edge for one in observed.edges], np.intp)
-        self.edge_shot = np.array([one.shot for one in observed.edges], np.intp)
-        self.azimuth = np.array([one.azimuth for one in observed.edges])
-        self.edge_sigma = np.array([one.sigma for one in observed.edges])
+        self.edge_of = np.array([sight.edge for sight in observed.edges], np.intp)
+        self.edge_shot = np.array([sight.shot for sight in observed.edges], np.intp)
+        self.azimuth = np.array([sight.azimuth for sight in observed.edges])
+        self.edge_sigma = np.array([sight.sigma for sight in observed.edges])
         self.edges = edges
 
     def start(self, edges: FloatArray) -> FloatArray:
@@ -199,22 +199,22 @@ def same_pallets(drive: Drive, sights: Sequence[PalletSight]) -> tuple[list[Pall
     """
     poses = drive.poses()
     newest: list[tuple[str, float, FloatArray]] = []
-    ordered = sorted(sights, key=lambda one: one.shot)
+    ordered = sorted(sights, key=lambda sight: sight.shot)
     owner: list[int] = []
-    for one in ordered:
-        at = compose(poses[one.shot], one.planar)
+    for sight in ordered:
+        at = compose(poses[sight.shot], sight.planar)
         near = [
             (float(np.hypot(*(at - place)[:2])), i)
             for i, (model, z, place) in enumerate(newest)
-            if model == one.model and abs(z - one.pose.z) < _JOIN
+            if model == sight.model and abs(z - sight.pose.z) < _JOIN
         ]
         distance, index = min(near, default=(np.inf, -1))
         if distance > _JOIN:
-            newest.append((one.model, one.pose.z, at))
+            newest.append((sight.model, sight.pose.z, at))
             index = len(newest) - 1
-        newest[index] = (one.model, one.pose.z, at)
+        newest[index] = (sight.model, sight.pose.z, at)
         owner.append(index)
     counts = np.bincount(owner, minlength=len(newest)) if owner else np.zeros(0, int)
     kept = {int(old): new for new, old in enumerate(np.flatnonzero(counts >= 2))}
-    chosen = [(one, kept[i]) for one, i in zip(ordered, owner, strict=True) if i in kept]
-    return [one for one, _ in chosen], np.array([i for _, i in chosen], np.intp)
+    chosen = [(sight, kept[i]) for sight, i in zip(ordered, owner, strict=True) if i in kept]
+    return [sight for sight, _ in chosen], np.array([i for _, i in chosen], np.intp)

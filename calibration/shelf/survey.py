@@ -137,7 +137,7 @@ def survey_shelf(
         pallets = pallet_line(bundle.pallets, bundle.landmark_covariance()[0], foot)
     if pallets is None:
         skipped.append(Skipped(PALLETS, "no_pallets", "no pallet is seen in two shots"))
-    estimates = [one for one in (None if line is None else line.estimate, pallets) if one is not None]
+    estimates = [estimate for estimate in (None if line is None else line.estimate, pallets) if estimate is not None]
     if tags is not None:
         places = tag_places(recording, shots, bundle.poses, tags, on_progress)
         tagged = tag_plane(places, foot, tags, estimates[0].distance if estimates else foot.described(prior)[1])
@@ -155,7 +155,7 @@ def survey_shelf(
             skipped.append(Skipped(BEAMS, "no_beams", "no beam of a known height, off the camera's, is seen"))
         lines = _lines(recording, shots, bundle.poses, foot, rough.turn)
         estimates += beams if lines is None else [*beams, lines]
-    estimates = [one.apart(0.0 if _tells(one, front) else _APART) for one in estimates]
+    estimates = [estimate.apart(0.0 if _tells(estimate, front) else _APART) for estimate in estimates]
     fused = fuse(estimates, _common(recording, estimates)) if estimates else None
     sweep = None
     if fused is not None and fused.covariance[1, 1] < (REACH / 2) ** 2:
@@ -184,9 +184,9 @@ def survey_shelf(
     )
 
 
-def _tells(one: PlaneEstimate, front: Front) -> bool:
+def _tells(estimate: PlaneEstimate, front: Front) -> bool:
     """Tell whether a method sees the wanted plane itself."""
-    return (one.method == PALLETS) == (front is Front.PALLETS)
+    return (estimate.method == PALLETS) == (front is Front.PALLETS)
 
 
 def _models(recording: Recording, observed: Observed) -> tuple[PalletModel, ...]:
@@ -199,7 +199,7 @@ def _models(recording: Recording, observed: Observed) -> tuple[PalletModel, ...]
 def _stretches(recording: Recording, observed: Observed, bundle: Bundle, foot: Foot) -> FloatArray:
     """Return between which places along the shelf each pallet stands, and at what height, (m, 3)."""
     places = foot.local(bundle.pallets[:, :2])[:, 0]
-    heights = np.array([one.pose.z for one in observed.pallets])
+    heights = np.array([sight.pose.z for sight in observed.pallets])
     rows = []
     for i, (place, model) in enumerate(zip(places, _models(recording, observed), strict=True)):
         half = model.width / 2 + _BESIDE_PALLET
@@ -223,7 +223,7 @@ def _lines(
     heading = level_heading(found)
     if heading is None:
         return None
-    evidence = f"{sum(one.segments for one, _ in found)} level edges in {len(found)} shots"
+    evidence = f"{sum(edges.segments for edges, _ in found)} level edges in {len(found)} shots"
     off = float(wrap_angle(heading[0] + np.pi / 2 - foot.yaw))
     return PlaneEstimate(LINES, off, float("nan"), np.diag([1 / heading[1] ** 2, 0.0]), evidence)
 
@@ -319,7 +319,7 @@ def _least_blurred(views: list[LevelView], drive: Drive, rough: ShelfPlane) -> F
 
 def _common(recording: Recording, estimates: Sequence[PlaneEstimate]) -> FloatArray:
     """Return what the mounting's uncertainty makes of turn and distance, whatever the method."""
-    distance = next((one.distance for one in estimates if np.isfinite(one.distance)), 2.0)
+    distance = next((estimate.distance for estimate in estimates if np.isfinite(estimate.distance)), 2.0)
     x, y, _, roll, pitch, yaw = recording.mounting.sigma
     tilt = float(np.hypot(roll, pitch)) * distance
     return np.diag([yaw**2, max(x, y) ** 2 + tilt**2])

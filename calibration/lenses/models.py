@@ -8,17 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from calibration.lenses.plane_image import (
-    PlaneImage,
-    distorted,
-    divided,
-    double_sphere_depth,
-    eucm_depth,
-    fisheye_image,
-    perspective_depth,
-    unified_depth,
-)
 from palletloc.cameras import CameraModel, DoubleSphere, Eucm, KannalaBrandt, Mei, Pinhole
+from palletloc.cameras.derivatives import (
+    PlaneImage,
+    double_sphere_image,
+    eucm_image,
+    kannala_brandt_image,
+    mei_image,
+    pinhole_image,
+)
 from palletloc.errors import PalletLocError, nearest_name
 from palletloc.geometry import FloatArray
 
@@ -139,38 +137,29 @@ class LensModel:
         return self.camera_type(*size, **named)
 
 
-def _mei_image(rays: FloatArray, shape: FloatArray) -> PlaneImage:
-    return distorted(divided(rays, unified_depth(rays, shape[:1])), shape[1:])
-
-
-def _brown_image(rays: FloatArray, shape: FloatArray) -> PlaneImage:
-    return distorted(divided(rays, perspective_depth(rays, shape[:0])), shape)
-
-
 _ANY = np.inf
+"""No limit."""
 MODELS = {
     model.name: model
     for model in (
         LensModel(
-            "kannala_brandt", ("k1", "k2", "k3", "k4"), ((0.0,) * 4,), KannalaBrandt, fisheye_image,
+            "kannala_brandt", ("k1", "k2", "k3", "k4"), ((0.0,) * 4,), KannalaBrandt, kannala_brandt_image,
             (-_ANY,) * 4, (_ANY,) * 4,
         ),
         LensModel(
-            "mei", ("xi", "k1", "k2", "p1", "p2"), ((1.0, 0.0, 0.0, 0.0, 0.0),), Mei, _mei_image,
+            "mei", ("xi", "k1", "k2", "p1", "p2"), ((1.0, 0.0, 0.0, 0.0, 0.0),), Mei, mei_image,
             (0.0, *(-_ANY,) * 4), (_ANY,) * 5,
         ),
         LensModel(
-            "double_sphere", ("xi", "alpha"), ((-0.2, 0.55), (0.3, 0.65)), DoubleSphere,
-            lambda rays, shape: divided(rays, double_sphere_depth(rays, shape)),
+            "double_sphere", ("xi", "alpha"), ((-0.2, 0.55), (0.3, 0.65)), DoubleSphere, double_sphere_image,
             (-0.999, 0.0), (_ANY, 1.0),
         ),
         LensModel(
-            "eucm", ("alpha", "beta"), ((0.55, 1.0),), Eucm,
-            lambda rays, shape: divided(rays, eucm_depth(rays, shape)),
+            "eucm", ("alpha", "beta"), ((0.55, 1.0),), Eucm, eucm_image,
             (0.0, 1e-6), (1.0, _ANY),
         ),
         LensModel(
-            "pinhole", ("k1", "k2", "p1", "p2", "k3"), ((0.0,) * 5,), Pinhole, _brown_image,
+            "pinhole", ("k1", "k2", "p1", "p2", "k3"), ((0.0,) * 5,), Pinhole, pinhole_image,
             (-_ANY,) * 5, (_ANY,) * 5,
         ),
     )

@@ -10,10 +10,8 @@ from scipy.spatial import KDTree
 
 from calibration.findings import Finding, Severity
 from calibration.intrinsics.coverage import Coverage, coverage_of
-from calibration.lenses.fit import LensFit
-from calibration.lenses.hold_out import hold_out_rms
+from calibration.lenses.fit import LensFit, bearing_sigma, hold_out_rms
 from calibration.lenses.models import LensCamera
-from calibration.lenses.uncertainty import bearing_sigma
 from palletloc.geometry import FloatArray
 
 MAX_BEARING_SIGMA = float(np.radians(0.1))
@@ -60,7 +58,7 @@ def check_fit(fit: LensFit, cameras: Sequence[LensCamera], apertures: Sequence[f
     apertures : sequence of float
         Width of what each lens shows, in pixels.
     """
-    parameters, _, _ = fit.bundle.columns()
+    parameters, _, _ = fit.problem.columns()
     coverage = tuple(
         coverage_of(fit, lens, camera, aperture)
         for lens, (camera, aperture) in enumerate(zip(cameras, apertures, strict=True))
@@ -68,7 +66,7 @@ def check_fit(fit: LensFit, cameras: Sequence[LensCamera], apertures: Sequence[f
     angles = tuple(np.linspace(0.02, cover.max_angle, 25) for cover in coverage)
     sigmas = tuple(
         bearing_sigma(model, values, fit.covariance[at, at], angle)
-        for model, values, at, angle in zip(fit.bundle.models, fit.rig.values, parameters, angles, strict=True)
+        for model, values, at, angle in zip(fit.problem.models, fit.rig.values, parameters, angles, strict=True)
     )
     view_rms = tuple(float(np.sqrt((part**2).sum(-1).mean())) for part in fit.residuals)
     neighbours = _neighbour_correlation(fit)
@@ -87,7 +85,7 @@ def check_fit(fit: LensFit, cameras: Sequence[LensCamera], apertures: Sequence[f
 def unseen_corners(fit: LensFit, cameras: Sequence[LensCamera]) -> Finding | None:
     """Return the finding that a camera does not show the corners as the fit does, or None."""
     worst = 0
-    for view, used, residual in zip(fit.bundle.views, fit.used, fit.residuals, strict=True):
+    for view, used, residual in zip(fit.problem.views, fit.used, fit.residuals, strict=True):
         shown = cameras[view.lens].project(fit.rig.lens_from_board(view).apply(view.points)).pixels
         off = np.linalg.norm(shown - view.pixels - residual, axis=-1)
         # A corner at the very border of the image may lie on it in truth and off it by the fit.
@@ -129,7 +127,7 @@ def _uncertain(sigmas: Sequence[FloatArray], angles: Sequence[FloatArray]) -> li
 def _bad_views(fit: LensFit, view_rms: Sequence[float]) -> list[Finding]:
     usual = float(np.median(view_rms))
     findings = []
-    for view, rms, used in zip(fit.bundle.views, view_rms, fit.used, strict=True):
+    for view, rms, used in zip(fit.problem.views, view_rms, fit.used, strict=True):
         if rms > max(_BAD_VIEW * usual, usual + _BAD_VIEW_PX) or not used.any():
             what = f"view {view.name}: {rms:.2f} px, the others {usual:.2f} px; {int((~used).sum())} corners left out"
             how = "look at it: blurred, reflecting, bent, or a corner taken for another; take it out or again"
@@ -143,7 +141,7 @@ def _bad_views(fit: LensFit, view_rms: Sequence[float]) -> list[Finding]:
 def _neighbour_correlation(fit: LensFit) -> float:
     """Return how much residuals agree between neighbouring corners of a board."""
     products, squares = 0.0, 0.0
-    for view, used, residual in zip(fit.bundle.views, fit.used, fit.residuals, strict=True):
+    for view, used, residual in zip(fit.problem.views, fit.used, fit.residuals, strict=True):
         if used.sum() <= _NEIGHBOURS:
             continue
         near = np.asarray(KDTree(view.points[used]).query(view.points[used], k=_NEIGHBOURS + 1)[1])
@@ -169,12 +167,12 @@ def _held_out(fit: LensFit, held: float) -> list[Finding]:
 
 
 def _correlated(fit: LensFit) -> list[Finding]:
-    names, correlation = fit.bundle.names(), fit.correlation
+    names, correlation = fit.problem.names(), fit.correlation
     findings = []
-    for lens, model in enumerate(fit.bundle.models):
+    for lens, model in enumerate(fit.problem.models):
         if "xi" not in model.shape:
             continue
-        first = fit.bundle.columns()[0][lens].start
+        first = fit.problem.columns()[0][lens].start
         value = float(correlation[first, first + 4])
         if abs(value) > _CORRELATED:
             what = (

@@ -15,7 +15,7 @@ from calibration.board_detection import SCALES, Marker, detect_markers
 from calibration.intrinsics.chessboards import SIGMA_PX, find_chessboard
 from calibration.intrinsics.corner_file import read_corners
 from calibration.intrinsics.task import Chessboard, IntrinsicsTask
-from calibration.lenses.bundle import BoardView
+from calibration.lenses.problem import BoardView
 from calibration.targets import CharucoBoard, Pattern, patterns
 from calibration.texture_alignment import AlignedCorners, align_corners, on_board
 from palletloc.cameras import CameraModel, KannalaBrandt

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from calibration.formats.file_storage import StorageFile
-from calibration.lenses.bundle import BoardView
+from calibration.lenses.problem import BoardView
 from palletloc.geometry import FloatArray
 from palletloc.io.reading import InputError, read_text
 

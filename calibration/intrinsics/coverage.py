@@ -35,7 +35,7 @@ def corner_rays(fit: LensFit, lens: int) -> FloatArray:
     """Return the directions of a lens's used corners in its own frame, (n, 3)."""
     rays = [
         fit.rig.lens_from_board(view).apply(view.points[used])
-        for view, used in zip(fit.bundle.views, fit.used, strict=True)
+        for view, used in zip(fit.problem.views, fit.used, strict=True)
         if view.lens == lens
     ]
     return np.concatenate(rays)
@@ -64,7 +64,7 @@ def coverage_of(fit: LensFit, lens: int, camera: LensCamera, aperture: float) ->
     filled = np.zeros((rings, SECTORS), dtype=np.bool_)
     filled[ring, sector] = True
     pixels = np.concatenate(
-        [v.pixels[used] for v, used in zip(fit.bundle.views, fit.used, strict=True) if v.lens == lens]
+        [v.pixels[used] for v, used in zip(fit.problem.views, fit.used, strict=True) if v.lens == lens]
     )
     radius = float(np.linalg.norm(pixels - (camera.cx, camera.cy), axis=-1).max())
     return Coverage(filled, float(angle.max()), radius / (aperture / 2), angle, azimuth)

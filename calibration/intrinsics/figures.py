@@ -63,7 +63,7 @@ def uncertainty_figure(checked: Checked) -> Figure:
 
 def residual_figure(fit: LensFit) -> Figure:
     """Draw all residuals where they are in the image."""
-    pixels = np.concatenate([view.pixels for view in fit.bundle.views])
+    pixels = np.concatenate([view.pixels for view in fit.problem.views])
     residuals, used = np.concatenate(fit.residuals), np.concatenate(fit.used)
     extent = float(np.ptp(pixels, axis=0).max())
     factor = 0.04 * extent / max(float(np.linalg.norm(residuals[used], axis=-1).max(initial=0.0)), 1e-9)
@@ -88,7 +88,7 @@ def radial_figure(fit: LensFit, checked: Checked) -> Figure:
     figure = _titled(400, "Residuals by angle", line)
     axes = add_axes(figure, _LEFT, _HEAD, WIDTH_PX - _LEFT - _RIGHT, 250)
     for lens, cover in enumerate(checked.coverage):
-        mine = [i for i, view in enumerate(fit.bundle.views) if view.lens == lens]
+        mine = [i for i, view in enumerate(fit.problem.views) if view.lens == lens]
         residuals = np.concatenate([fit.residuals[i][fit.used[i]] for i in mine])
         away = residuals[:, 0] * np.cos(cover.azimuth) + residuals[:, 1] * np.sin(cover.azimuth)
         axes.plot(np.degrees(cover.angle), away, ".", color=SERIES[lens], markersize=3, label=f"lens {lens}")
@@ -104,7 +104,7 @@ def matrix_figure(fit: LensFit) -> Figure:
     line = "Near 1 or -1 two numbers cannot be told apart; bearings are not worse for it"
     figure = _titled(560, "Correlations", line)
     axes = add_axes(figure, _LEFT, _HEAD, WIDTH_PX - _LEFT - _RIGHT, 440)
-    names = fit.bundle.names()
+    names = fit.problem.names()
     axes.imshow(fit.correlation, cmap="RdBu_r", vmin=-1, vmax=1, aspect="auto")
     axes.set_xticks(range(len(names)), names, rotation=0 if len(names) < 13 else 90)
     axes.set_yticks(range(len(names)), names)

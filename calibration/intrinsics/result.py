@@ -94,7 +94,7 @@ def measuring_lenses(fit: LensFit, size: tuple[int, int]) -> tuple[LensCamera, .
 def _lenses(fit: LensFit, size: tuple[int, int], margin: float, max_angle: float | None) -> tuple[LensCamera, ...]:
     """Return the lenses, seeing so far beyond their corners, or so far in all."""
     lenses = []
-    for lens, (model, values) in enumerate(zip(fit.bundle.models, fit.rig.values, strict=True)):
+    for lens, (model, values) in enumerate(zip(fit.problem.models, fit.rig.values, strict=True)):
         rays = corner_rays(fit, lens)
         reach = float(np.arctan2(np.hypot(rays[:, 1], rays[:, 2]), rays[:, 0]).max())
         lenses.append(model.camera(values, size, max_angle or min(reach + margin, float(np.pi))))

@@ -101,7 +101,7 @@ def _calibrate(
 
 
 def _poses(fit: LensFit) -> dict[str, RigidTransform]:
-    return {view.name: fit.rig.lens_from_board(view) for view in fit.bundle.views}
+    return {view.name: fit.rig.lens_from_board(view) for view in fit.problem.views}
 
 
 def _fitted(task: IntrinsicsTask, lens: LensModel, found: Collected) -> LensFit | Finding:
@@ -138,11 +138,11 @@ def _summary(report: LensReport) -> list[RenderableType]:
     for name in ("", "value", "sigma"):
         table.add_column(name, justify="right")
     values = np.concatenate(fit.rig.values)
-    for name, value, sigma in zip(fit.bundle.names(), values, fit.sigma, strict=False):
+    for name, value, sigma in zip(fit.problem.names(), values, fit.sigma, strict=False):
         table.add_row(name, f"{value:.6g}", f"{sigma:.2g}")
     corners = sum(int(used.sum()) for used in fit.used)
     line = (
-        f"{len(fit.bundle.views)} views, {corners} corners: {fit.rms():.3f} px rms;"
+        f"{len(fit.problem.views)} views, {corners} corners: {fit.rms():.3f} px rms;"
         f" with every corner {fit.plain_rms:.3f} px"
     )
     return [table, line]

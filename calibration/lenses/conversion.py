@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.lenses.matching import match_lens
 from calibration.lenses.models import LensCamera, LensModel
 from palletloc.cameras import CameraModel
 from palletloc.errors import PalletLocError
@@ -85,7 +84,7 @@ def convert_lens(camera: CameraModel, model: LensModel, max_angle: float = np.pi
     center, focal = _axis(camera)
     candidates = []
     for start in model.start_values(focal, center):
-        values = match_lens(model, start, rays, pixels)
+        values = model.matched(start, rays, pixels)
         try:
             candidates.append(model.camera(values, (camera.width, camera.height), reach + 1e-9))
         except ValueError:

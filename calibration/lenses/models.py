@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from calibration.lenses.descent import descend, finite_cost
 from palletloc.cameras import CameraModel, DoubleSphere, Eucm, KannalaBrandt, Mei, Pinhole
 from palletloc.cameras.derivatives import (
     PlaneImage,
@@ -26,6 +27,12 @@ OPTICAL_FROM_CAMERA = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0
 """Turns the camera frame (forward, left, up) into right, down, forward."""
 
 
+_DAMPING, _MAX_STEPS, _SETTLED = 1e-3, 100, 1e-12
+"""Of a match: its first damping; its steps, of which 10 are usual; the relative gain at which it ends."""
+_FLOOR = 1e-12
+"""Added to the diagonal of the normal equations: keeps unknowns of which nothing is told where they are."""
+
+
 class UnknownLensError(PalletLocError):
     """A lens model that does not exist."""
 
@@ -40,6 +47,13 @@ class Imaged:
     """(n, 2, 3) by the ray in the camera frame."""
     by_values: FloatArray
     """(n, 2, k) by the parameters."""
+
+
+class _Matched(NamedTuple):
+    """Parameters, and the pixels that they give."""
+
+    values: FloatArray
+    imaged: Imaged
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +123,38 @@ class LensModel:
         by_values[:, 0, 2] = by_values[:, 1, 3] = 1.0
         by_values[:, :, 4:] = focal[:, None] * plane.by_shape
         return Imaged(pixels, by_ray, by_values)
+
+    def matched(self, start: FloatArray, rays: FloatArray, pixels: FloatArray) -> FloatArray:
+        """Return the parameters whose pixels differ least from given ones, by damped least squares.
+
+        Parameters
+        ----------
+        start : (k,) array
+            Parameters to begin with.
+        rays : (n, 3) array
+            In the lens's camera frame.
+        pixels : (n, 2) array
+            Where they should appear.
+        """
+
+        def step(matched: _Matched) -> Callable[[float], _Matched | None]:
+            derivatives = matched.imaged.by_values.reshape(-1, len(start))
+            normal = derivatives.T @ derivatives
+            gradient = derivatives.T @ (matched.imaged.pixels - pixels).ravel()
+
+            def damped(damping: float) -> _Matched | None:
+                whole = normal + damping * np.diag(np.diag(normal) + _FLOOR)
+                values = matched.values - np.linalg.solve(whole, gradient)
+                return _Matched(values, self.evaluate(values, rays)) if self.admits(values) else None
+
+            return damped
+
+        def cost(matched: _Matched) -> float:
+            residuals = (matched.imaged.pixels - pixels).ravel()
+            return finite_cost(residuals @ residuals)
+
+        first = _Matched(start, self.evaluate(start, rays))
+        return descend(first, cost, step, _DAMPING, _MAX_STEPS, _SETTLED).values
 
     def values(self, camera: LensCamera) -> FloatArray:
         """Return the parameters of a camera of this model."""

@@ -13,10 +13,8 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from calibration.bearing_dlt import pose_from_bearings
-from calibration.lenses.adjustment import adjust
-from calibration.lenses.bundle import BoardView, Bundle, Rig
-from calibration.lenses.matching import match_lens
 from calibration.lenses.models import MODELS, LensModel
+from calibration.lenses.problem import BoardView, LensProblem, Rig, adjust
 from palletloc.geometry import BoolArray, FloatArray
 
 _FISHEYE = MODELS["kannala_brandt"]
@@ -93,10 +91,10 @@ def _adjusted(views: Sequence[BoardView], poses: Sequence[RigidTransform | None]
     if len(seen) < _FEWEST:
         return values
     own = tuple(replace(view, shot=i, board=0, lens=0) for i, (view, _) in enumerate(seen))
-    bundle = Bundle(own, (_FISHEYE,))
+    problem = LensProblem(own, (_FISHEYE,))
     rig = Rig((values,), _IDENTITY, RigidTransform.concatenate([pose for _, pose in seen]), _IDENTITY)
     for free in ("fx fy", "fx fy cx cy k1", "fx fy cx cy k1 k2 k3 k4"):
-        rig = adjust(bundle, rig, _among(free.split()), robust=_spread(bundle, rig))
+        rig = adjust(problem, rig, _among(free.split()), robust=_spread(problem, rig))
     return rig.values[0]
 
 
@@ -104,9 +102,9 @@ def _among(names: Sequence[str]) -> BoolArray:
     return np.array([name in names for name in _FISHEYE.parameters])
 
 
-def _spread(bundle: Bundle, rig: Rig) -> float:
+def _spread(problem: LensProblem, rig: Rig) -> float:
     """Return twice the typical size of a residual, in sigmas."""
-    return 2 * float(np.nanmedian(np.linalg.norm(bundle.predict(rig).residuals, axis=-1))) + 1e-3
+    return 2 * float(np.nanmedian(np.linalg.norm(problem.linearize(rig).residuals, axis=-1))) + 1e-3
 
 
 def _posed(
@@ -124,9 +122,9 @@ def _posed(
     ]
     refined: list[RigidTransform | None] = [None] * len(views)
     if seen:
-        bundle = Bundle(tuple(replace(view, shot=k) for k, (_, view, _) in enumerate(seen)), (_FISHEYE,))
+        problem = LensProblem(tuple(replace(view, shot=k) for k, (_, view, _) in enumerate(seen)), (_FISHEYE,))
         rig = Rig((values,), _IDENTITY, RigidTransform.concatenate([pose for *_, pose in seen]), _IDENTITY)
-        shots = adjust(bundle, rig, np.zeros(len(values), dtype=np.bool_), robust=_spread(bundle, rig)).shots
+        shots = adjust(problem, rig, np.zeros(len(values), dtype=np.bool_), robust=_spread(problem, rig)).shots
         for k, (i, _, _) in enumerate(seen):
             refined[i] = shots[k]
     return refined
@@ -176,4 +174,4 @@ def start_model(
     chosen = np.concatenate([directions[keep] for directions, keep in zip(rays, near, strict=True)])
     pixels = _FISHEYE.evaluate(fisheye, chosen).pixels
     starts = model.start_values(float(fisheye[:2].mean()), fisheye[2:4])
-    return [match_lens(model, start, chosen, pixels) for start in starts], near
+    return [model.matched(start, chosen, pixels) for start in starts], near

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from calibration.check.assessment import CheckAssessment
 from calibration.check.mounting import MountingCheck
-from calibration.check.sources import NamedTilt
+from calibration.check.tilt_sources import NamedTilt
 from calibration.finding_table import finding_data, finding_parts
 from calibration.shelf.gravity_lines import upright_edges
 from palletloc.drawing.canvas import (

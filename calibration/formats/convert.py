@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from calibration.formats import adapter, basalt, kalibr, ocam, opencv, ros
-from calibration.formats.camera_file import FiledCamera, alone, as_cameras, side_by_side
+from calibration.formats.camera_file import FiledCamera, alone, as_cameras, camera_text, read_own, side_by_side
 from calibration.formats.fields import FormatError, read_json, read_yaml
-from calibration.formats.own import camera_text, read_own
-from calibration.lenses.conversion import ConversionError, Difference, convert_lens, difference
+from calibration.lenses.conversion import ConversionError, LensDifference, convert_lens, difference
 from calibration.lenses.models import MODELS, lens_model, model_of
 from calibration.required_file import require_file
 from palletloc.cameras import CameraModel, DualFisheye, Equirectangular, KannalaBrandt
@@ -35,7 +34,7 @@ class Conversion:
     """Model of the first one."""
     target: str
     """Its model in the file that was written."""
-    differences: tuple[Difference, ...]
+    differences: tuple[LensDifference, ...]
     """Of each camera: the written file against the one that was read."""
 
 
@@ -65,10 +64,6 @@ def _ocam_text(cameras: Sequence[FiledCamera], _: Path) -> str:
 
 def _own_text(cameras: Sequence[FiledCamera], _: Path) -> str:
     return camera_text(_single(cameras).camera)
-
-
-def _ros_text(cameras: Sequence[FiledCamera], _: Path) -> str:
-    return ros.camera_info_text(_single(cameras).camera, cameras[0].name)
 
 
 def _opencv_text(cameras: Sequence[FiledCamera], out: Path) -> str:
@@ -123,7 +118,9 @@ def read_cameras(path: Path) -> list[FiledCamera]:
     )
 
 
-def convert(source: Path, target: str, out: Path, number: int | None = None, max_angle: float = np.pi) -> Conversion:
+def convert_camera(
+    source: Path, target: str, out: Path, number: int | None = None, max_angle: float = np.pi
+) -> Conversion:
     """Convert a camera file, and compare what was written with what was read.
 
     Parameters

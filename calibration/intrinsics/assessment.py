@@ -1,4 +1,4 @@
-"""What a fit of lenses has to be told about: views, coverage, misfit, uncertainty; and the verdict."""
+"""The verdict on a calibration of lenses: its shots, coverage, misfit and uncertainty."""
 
 from __future__ import annotations
 
@@ -9,11 +9,18 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from calibration.findings import Finding, Severity
-from calibration.intrinsics.coverage import Coverage, coverage_of
+from calibration.intrinsics.board_views import Collected
+from calibration.intrinsics.task import IntrinsicsTask
 from calibration.lenses.fit import LensFit, bearing_sigma, hold_out_rms
 from calibration.lenses.models import LensCamera
-from palletloc.geometry import FloatArray
+from palletloc.geometry import BoolArray, FloatArray
 
+FEWEST_VIEWS = 3
+"""Fewer boards give no lens."""
+SECTORS = 12
+"""Of a map of the field, around the axis: 30 degrees each."""
+_RING = np.radians(12.0)
+"""About the width of the map's rings, in radians: narrower than a board at arm's length."""
 MAX_BEARING_SIGMA = float(np.radians(0.1))
 """A larger standard deviation of bearings fails, in radians; at the rim of the field it is a warning."""
 _OPEN_BEARING_SIGMA = float(np.radians(1.0))
@@ -24,6 +31,22 @@ _LEAST_COVER, _LEAST_REACH = 0.5, 0.7
 _HOLD_OUT = 1.5
 _SEEN_PX = 1e-3
 _TILT, _RIM = "tilt the board by 30 degrees and more in several directions", "bring it to the rim of the image"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Coverage:
+    """Which sectors have a corner."""
+
+    filled: BoolArray
+    """(rings, sectors): from the axis outwards, from the image's right over its bottom."""
+    max_angle: float
+    """Largest angle off axis of any corner, in radians."""
+    reach: float
+    """How far out in the image corners come, as a share of half its width."""
+    angle: FloatArray
+    """(n,) of each used corner, off axis, in radians."""
+    azimuth: FloatArray
+    """(n,) around the axis, from the image's right to its bottom, in radians."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,6 +69,33 @@ class Checked:
     """Root mean square in pixels of views that the lens was not fitted to; NaN where there are too few views."""
 
 
+def view_findings(task: IntrinsicsTask, found: Collected) -> list[Finding]:
+    """Return what there is to say about the shots before anything is fitted.
+
+    Parameters
+    ----------
+    task : IntrinsicsTask
+        What was to be read.
+    found : Collected
+        What the shots show.
+    """
+    findings = [
+        Finding(Severity.WARNING, "duplicate_view", f"{twin} is the same as {earlier}; it counts once", "take it out")
+        for twin, earlier in found.duplicates
+    ]
+    findings += [
+        Finding(Severity.WARNING, "no_board", f"{shot} shows no whole board", "take it out or again")
+        for shot in found.empty
+    ]
+    for lens in range(task.lenses):
+        count = sum(view.lens == lens for view in found.views)
+        if count < FEWEST_VIEWS:
+            what = f"lens {lens}: {count} boards are seen; a lens needs {FEWEST_VIEWS} at least, better 15"
+            how = "take more shots, and check the numbers of the boards in intrinsics.yaml"
+            findings.append(Finding(Severity.DEGENERATE, "few_views", what, how))
+    return findings
+
+
 def check_fit(fit: LensFit, cameras: Sequence[LensCamera], apertures: Sequence[float]) -> Checked:
     """Return what there is to say about a fit.
 
@@ -60,7 +110,7 @@ def check_fit(fit: LensFit, cameras: Sequence[LensCamera], apertures: Sequence[f
     """
     parameters, _, _ = fit.problem.columns()
     coverage = tuple(
-        coverage_of(fit, lens, camera, aperture)
+        _coverage_of(fit, lens, camera, aperture)
         for lens, (camera, aperture) in enumerate(zip(cameras, apertures, strict=True))
     )
     angles = tuple(np.linspace(0.02, cover.max_angle, 25) for cover in coverage)
@@ -80,6 +130,23 @@ def check_fit(fit: LensFit, cameras: Sequence[LensCamera], apertures: Sequence[f
         *_covered(coverage),
     ]
     return Checked(tuple(findings), view_rms, coverage, angles, sigmas, neighbours, held)
+
+
+def _coverage_of(fit: LensFit, lens: int, camera: LensCamera, aperture: float) -> Coverage:
+    """Return where the used corners of a lens are."""
+    rays = fit.corner_rays(lens)
+    angle = np.arctan2(np.hypot(rays[:, 1], rays[:, 2]), rays[:, 0])
+    azimuth = np.arctan2(-rays[:, 2], -rays[:, 1]) % (2 * np.pi)
+    rings = max(1, round(float(angle.max()) / _RING))
+    ring = np.minimum((angle / angle.max() * rings).astype(np.intp), rings - 1)
+    sector = np.minimum((azimuth / (2 * np.pi) * SECTORS).astype(np.intp), SECTORS - 1)
+    filled = np.zeros((rings, SECTORS), dtype=np.bool_)
+    filled[ring, sector] = True
+    pixels = np.concatenate(
+        [v.pixels[used] for v, used in zip(fit.problem.views, fit.used, strict=True) if v.lens == lens]
+    )
+    radius = float(np.linalg.norm(pixels - (camera.cx, camera.cy), axis=-1).max())
+    return Coverage(filled, float(angle.max()), radius / (aperture / 2), angle, azimuth)
 
 
 def unseen_corners(fit: LensFit, cameras: Sequence[LensCamera]) -> Finding | None:

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from calibration.intrinsics.assessment import Checked
-from calibration.intrinsics.coverage import SECTORS, Coverage
+from calibration.intrinsics.assessment import SECTORS, Checked, Coverage
 from calibration.lenses.fit import LensFit
 from palletloc.drawing.canvas import FAINT, GRID, INK, SERIES, WIDTH_PX, add_axes, add_legend, add_text, new_figure
 

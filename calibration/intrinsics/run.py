@@ -13,13 +13,12 @@ from rich.table import Table
 from scipy.spatial.transform import RigidTransform
 
 from calibration.findings import PASS, Finding, Severity, exit_code
-from calibration.intrinsics.assessment import check_fit
+from calibration.intrinsics.assessment import check_fit, view_findings
 from calibration.intrinsics.board_views import Collected, collect, measure_again
 from calibration.intrinsics.report import LensReport, report_data, report_page
 from calibration.intrinsics.result import fitted_camera, measuring_lenses
 from calibration.intrinsics.stitched_run import MODEL, calibrate_stitched
 from calibration.intrinsics.task import IntrinsicsTask, read_intrinsics
-from calibration.intrinsics.view_checks import view_findings
 from calibration.lenses.fit import LensFit, NoStartError, fit_lenses
 from calibration.lenses.linking import UnlinkedError
 from calibration.lenses.models import MODELS, LensModel, lens_model

@@ -21,7 +21,7 @@ class ConversionError(PalletLocError):
 
 
 @dataclass(frozen=True, slots=True)
-class Difference:
+class LensDifference:
     """How two cameras differ over the field that was compared."""
 
     rms: float
@@ -114,7 +114,7 @@ def _axis(camera: CameraModel) -> tuple[FloatArray, float]:
     return pixels[0], float(lengths.mean() / (2 * _STEP))
 
 
-def difference(first: CameraModel, second: CameraModel, max_angle: float = np.pi) -> Difference:
+def difference(first: CameraModel, second: CameraModel, max_angle: float = np.pi) -> LensDifference:
     """Return how a second camera differs from the first one over its field.
 
     Parameters
@@ -131,7 +131,7 @@ def difference(first: CameraModel, second: CameraModel, max_angle: float = np.pi
     off = np.linalg.norm(shown - pixels, axis=-1)[valid]
     reach = float(np.arccos(np.clip(rays[:, 0].min(), -1, 1)))
     if not off.size:
-        return Difference(np.inf, np.inf, reach, 1.0)
-    return Difference(
+        return LensDifference(np.inf, np.inf, reach, 1.0)
+    return LensDifference(
         float(np.sqrt((off**2).mean())), float(off.max()), reach, float((~valid & inner).sum() / inner.sum())
     )

@@ -54,6 +54,15 @@ class LensFit:
         parts = np.split(all_of_them, np.cumsum([len(view.points) for view in self.problem.views])[:-1])
         return tuple(part * view.sigma[:, None] for part, view in zip(parts, self.problem.views, strict=True))
 
+    def corner_rays(self, lens: int) -> FloatArray:
+        """Return the directions of a lens's used corners in its own frame, (n, 3)."""
+        rays = [
+            self.rig.lens_from_board(view).apply(view.points[used])
+            for view, used in zip(self.problem.views, self.used, strict=True)
+            if view.lens == lens
+        ]
+        return np.concatenate(rays)
+
     def rms(self, *, every: bool = False) -> float:
         """Return the root mean square of the corners' distances, in pixels: of those used, or of every one."""
         squared = [(part**2).sum(-1) for part in self.residuals]

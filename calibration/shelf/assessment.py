@@ -76,7 +76,7 @@ def _contradictions(survey: ShelfSurvey, fused: FusedPlane) -> Iterator[Finding]
         )
     turn, distance = survey.foot.described(survey.prior)
     off, turned = fused.distance - distance, float(np.degrees(fused.turn - turn))
-    local = survey.foot.local(survey.bundle.poses[:, :2])[:, 0]
+    local = survey.foot.local(survey.solution.poses[:, :2])[:, 0]
     reach = _PRIOR_M + float(np.ptp(local)) / 2 * np.tan(np.radians(10.0))
     if abs(off) > reach or abs(turned) > _PRIOR_DEG:
         yield Finding(
@@ -133,14 +133,14 @@ def _restrictions(survey: ShelfSurvey) -> Iterator[Finding]:
     if survey.sweep is not None and survey.sweep.refusal is not None:
         what = _SWEEP[survey.sweep.refusal]
         yield Finding(Severity.NOTE, survey.sweep.refusal, what, "nothing: the sweep is left out of the result")
-    if abs(survey.bundle.scale - 1) > _SCALE:
+    if abs(survey.solution.scale - 1) > _SCALE:
         yield Finding(
             Severity.WARNING,
             "odometry_scale",
-            f"the odometry's distances are off by {100 * (1 / survey.bundle.scale - 1):+.1f} %",
+            f"the odometry's distances are off by {100 * (1 / survey.solution.scale - 1):+.1f} %",
             "calibrate the wheel's circumference",
         )
-    bias = float(np.degrees(survey.bundle.bias))
+    bias = float(np.degrees(survey.solution.bias))
     if abs(bias) > _BIAS_DEG_S:
         yield Finding(
             Severity.WARNING,

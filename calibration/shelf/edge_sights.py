@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.shelf.bundle import EdgeSight
 from calibration.shelf.level_view import REACH, LevelView
+from calibration.shelf.problem import EdgeSight
 from calibration.shelf.upright_edges import BAND, BANDS, FARTHEST, NEAREST, Edges, seen_from
 from palletloc.geometry import FloatArray, wrap_angle
 

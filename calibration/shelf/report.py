@@ -39,7 +39,7 @@ def shelf_data(assessment: ShelfAssessment) -> dict[str, Any]:
         "skipped": [
             {"method": skipped.method, "code": skipped.code, "what": skipped.what} for skipped in survey.skipped
         ],
-        "odometry": {"scale": survey.bundle.scale, "yaw_rate_bias_radps": survey.bundle.bias},
+        "odometry": {"scale": survey.solution.scale, "yaw_rate_bias_radps": survey.solution.bias},
     }
     if survey.fused is not None and survey.plane is not None:
         fused = survey.fused
@@ -115,10 +115,10 @@ def _parts(assessment: ShelfAssessment) -> Iterator[str]:
     )  # fmt: skip
     if survey.sweep is not None and survey.fused is not None:
         yield from _sweep_parts(survey.sweep, survey.fused.distance)
-    bundle = survey.bundle
+    solution = survey.solution
     yield paragraph(
         f"{len(survey.shots)} shots were used. By them the odometry's distances are off by"
-        f" {100 * (1 / bundle.scale - 1):+.2f} % and its yaw rate by {np.degrees(bundle.bias):+.3f}{_DEGREE}/s."
+        f" {100 * (1 / solution.scale - 1):+.2f} % and its yaw rate by {np.degrees(solution.bias):+.3f}{_DEGREE}/s."
     )
 
 

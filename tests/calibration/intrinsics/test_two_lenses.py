@@ -10,7 +10,7 @@ import pytest
 import yaml
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from calibration.formats.own import read_own
+from calibration.formats.camera_file import read_own
 from calibration.intrinsics.board_views import numbered_boards
 from calibration.lenses.problem import BoardView
 from calibration.targets import CharucoBoard

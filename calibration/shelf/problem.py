@@ -51,7 +51,7 @@ class Observed:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Bundle:
+class DriveSolution:
     """A solution."""
 
     scale: float
@@ -80,7 +80,7 @@ class Bundle:
         return self.covariance[first:middle, first:middle], self.covariance[middle:, middle:]
 
 
-def solve(observed: Observed, edges: FloatArray | None = None, yaw_sigma: float = 0.0) -> Bundle:
+def solve(observed: Observed, edges: FloatArray | None = None, yaw_sigma: float = 0.0) -> DriveSolution:
     """Find the poses, pallets and edges that fit best.
 
     Parameters
@@ -94,7 +94,7 @@ def solve(observed: Observed, edges: FloatArray | None = None, yaw_sigma: float 
 
     Returns
     -------
-    Bundle
+    DriveSolution
         Robust against single wrong sights.
     """
     problem = _Problem(observed, 0 if edges is None else len(edges), yaw_sigma)
@@ -168,10 +168,10 @@ class _Problem:
         azimuth = np.arctan2(y - self.camera[1], x - self.camera[0])
         return np.asarray(wrap_angle(azimuth + yaw - self.azimuth) / self.edge_sigma)
 
-    def unpack(self, x: FloatArray, covariance: FloatArray) -> Bundle:
+    def unpack(self, x: FloatArray, covariance: FloatArray) -> DriveSolution:
         (scale, bias, yaw), poses, pallets, edges = self.split(x)
         errors = self.pallet_errors(poses, pallets, yaw), self.edge_errors(poses, edges, yaw)
-        return Bundle(float(scale), float(bias), float(yaw), poses, pallets, edges, covariance, *errors)
+        return DriveSolution(float(scale), float(bias), float(yaw), poses, pallets, edges, covariance, *errors)
 
 
 def _whitener(covariance: FloatArray) -> FloatArray:

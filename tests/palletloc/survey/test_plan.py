@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 from numpy.testing import assert_allclose
 
-from palletloc.evaluation.survey.prism import PrismConvention
-from palletloc.evaluation.survey_plan import read_survey_plan
 from palletloc.io.reading import InputError
+from palletloc.survey.plan import read_survey_plan
+from palletloc.survey.prism import PrismConvention
 
 PLAN = """\
 file: survey.gsi

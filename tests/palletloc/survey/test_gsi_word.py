@@ -4,8 +4,7 @@ import math
 
 import pytest
 
-from palletloc.evaluation.survey.gsi import parse_line
-from palletloc.evaluation.survey.gsi_word import GsiWord, Kind, WordError
+from palletloc.survey.gsi import GsiWord, Kind, WordError, parse_line
 
 
 def word(text: str) -> GsiWord:

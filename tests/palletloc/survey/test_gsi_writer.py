@@ -8,10 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palletloc.evaluation.survey.gsi import GsiBlock, parse_line, read_gsi
-from palletloc.evaluation.survey.gsi_points import read_gsi_points
-from palletloc.evaluation.survey.gsi_word import ANGLE_UNITS, LENGTH_UNITS
-from palletloc.evaluation.survey.gsi_writer import format_block, measured_word, point_block, text_word, write_gsi
+from palletloc.survey.gsi import ANGLE_UNITS, LENGTH_UNITS, GsiBlock, parse_line, read_gsi
+from palletloc.survey.gsi_points import read_gsi_points
+from tests.palletloc.survey.gsi_writer import format_block, measured_word, point_block, text_word, write_gsi
 
 NAMES = st.text("ABCxyz123-_.", min_size=1, max_size=8)
 

@@ -9,7 +9,8 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import RigidTransform, Rotation
 from scipy.stats import chi2
 
-from palletloc.evaluation.rigid_body import (
+from palletloc.geometry import FloatArray, LevelPose, wrap_angle
+from palletloc.survey.rigid_body import (
     BodyFit,
     FitError,
     UncertainPose,
@@ -19,7 +20,6 @@ from palletloc.evaluation.rigid_body import (
     is_mirrored,
     relative_pose,
 )
-from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 
 FORKLIFT = np.array([[-0.9, 0.45, 2.1], [-0.9, -0.45, 2.08], [0.55, -0.4, 1.2]])
 FRONT = np.array([[0, 0.55, 0.012], [0, -0.55, 0.012], [0, 0.55, 0.132]])

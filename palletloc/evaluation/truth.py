@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from palletloc.errors import nearest_name
-from palletloc.evaluation.errors import PAIRING_DISTANCE, EvaluationError
-from palletloc.evaluation.surveyed_truth import SurveyedTruth, read_surveyed_truth
+from palletloc.evaluation.errors import PAIRING_DISTANCE, EvaluationError, PlacedPallet
 from palletloc.evaluation.time_pairing import require_overlap
-from palletloc.evaluation.true_pose import continuous_poses
-from palletloc.geometry import FloatArray
+from palletloc.geometry import FloatArray, level_pose
 from palletloc.io.recording import Recording, read_recording
 from palletloc.io.truth import TruePallet, path_file, read_pallets, read_truth
+from palletloc.survey.truth import SurveyedTruth, TruePose, read_surveyed_truth
 from palletloc.trajectory import Trajectory
 
 SURVEY = "survey.yaml"
@@ -95,6 +94,37 @@ def read_recording_truth(folder: str | Path) -> RecordingTruth:
     _check_surveyed(place, pallets, surveyed, recording)
     agreement = () if path is None else _agreement(place, pallets, path, surveyed)
     return RecordingTruth(recording, pallets, path, surveyed, agreement)
+
+
+def continuous_poses(
+    world_from_forklift: Trajectory, pallets: Iterable[PlacedPallet], time: float
+) -> tuple[TruePose, ...]:
+    """Return the true poses at any time of a continuous truth, taken as exact.
+
+    Parameters
+    ----------
+    world_from_forklift : Trajectory
+        The forklift's true path.
+    pallets : iterable of PlacedPallet
+        Where the pallets stand.
+    time : float
+        In seconds.
+
+    Returns
+    -------
+    tuple of TruePose
+        In the pallets' order, without covariance.
+
+    Raises
+    ------
+    TrajectoryError
+        If the path does not cover the time.
+    """
+    forklift_from_world = world_from_forklift.pose_at(time).transform().inv()
+    return tuple(
+        TruePose(pallet.id, level_pose(forklift_from_world * pallet.world_from_pallet.transform()))
+        for pallet in pallets
+    )
 
 
 def _check_models(place: Path, pallets: tuple[TruePallet, ...], recording: Recording) -> None:

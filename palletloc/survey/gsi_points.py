@@ -9,21 +9,20 @@ from pathlib import Path
 
 import numpy as np
 
-from palletloc.evaluation.polar import (
+from palletloc.geometry import FloatArray
+from palletloc.survey.gsi import GsiBlock, GsiFile, GsiWord, WordError, read_gsi
+from palletloc.survey.point import LineNote, Survey, SurveyPoint, lines_text
+from palletloc.survey.polar import (
     FaceErrors,
-    Sight,
+    PolarObservation,
     Station,
     average_faces,
     line_of_sight,
     misread_faces,
     reduce_sight,
 )
-from palletloc.evaluation.resection import ResectionError, resect
-from palletloc.evaluation.survey.gsi import GsiBlock, GsiFile, read_gsi
-from palletloc.evaluation.survey.gsi_word import GsiWord, WordError
-from palletloc.evaluation.survey.point import LineNote, Survey, SurveyPoint, lines_text
-from palletloc.evaluation.survey.prism import PrismUse
-from palletloc.geometry import FloatArray
+from palletloc.survey.prism import PrismUse
+from palletloc.survey.resection import ResectionError, resect
 
 REPEAT_LIMIT = 0.01
 """Farthest that two measurements of one point may lie apart, in metres."""
@@ -41,7 +40,7 @@ class _Shot:
     line: int
     name: str
     position: FloatArray | None
-    sight: Sight | None
+    sight: PolarObservation | None
     correction: float
 
 
@@ -159,12 +158,12 @@ def _shot(block: GsiBlock, height: float, prism: PrismUse | None, notes: list[Li
     return _Shot(block.line, name.text, position, sight, correction)
 
 
-def _sight(block: GsiBlock, name: GsiWord, height: float, correction: float) -> Sight | None:
+def _sight(block: GsiBlock, name: GsiWord, height: float, correction: float) -> PolarObservation | None:
     polar = _lengths(block, _POLAR)
     if polar is None or _silent(block, "87") or _silent(block, "88") or polar[2] <= 0:
         return None
     own = _height(block, "88")
-    return Sight(
+    return PolarObservation(
         name.text,
         horizontal=float(polar[0]),
         zenith=float(polar[1]),
@@ -232,7 +231,7 @@ def _implied_station(setup: _Setup, notes: list[LineNote]) -> Station | None:
 
 
 def _station(
-    sights: Sequence[Sight],
+    sights: Sequence[PolarObservation],
     names: Sequence[str],
     known: Mapping[str, FloatArray],
     notes: list[LineNote],
@@ -251,7 +250,7 @@ def _station(
     return station
 
 
-def _consistent(sights: Sequence[Sight], known: Mapping[str, FloatArray]) -> tuple[Station, list[float]]:
+def _consistent(sights: Sequence[PolarObservation], known: Mapping[str, FloatArray]) -> tuple[Station, list[float]]:
     """Return the station by the sights that agree, and how far each leads from its point: the worst are left out."""
     kept = list(range(len(sights)))
     while True:
@@ -263,7 +262,7 @@ def _consistent(sights: Sequence[Sight], known: Mapping[str, FloatArray]) -> tup
         kept.remove(worst)
 
 
-def _uncorrected(shot: _Shot, name: str) -> Sight:
+def _uncorrected(shot: _Shot, name: str) -> PolarObservation:
     sight = shot.sight
     if sight is None or sight.distance is None:
         raise ValueError("expected a shot with a distance")

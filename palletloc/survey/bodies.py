@@ -8,9 +8,9 @@ from itertools import combinations
 
 import numpy as np
 
-from palletloc.evaluation.survey.point import Survey, SurveyError, SurveyPoint
-from palletloc.evaluation.survey_plan import FORKLIFT, SurveyPlan
 from palletloc.geometry import FloatArray
+from palletloc.survey.plan import FORKLIFT, SurveyPlan
+from palletloc.survey.point import Survey, SurveyError, SurveyPoint
 
 
 @dataclass(frozen=True, slots=True, eq=False)

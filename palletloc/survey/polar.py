@@ -20,7 +20,7 @@ FACE_LIMIT = math.radians(20 / 3600)
 
 
 @dataclass(frozen=True, slots=True)
-class Sight:
+class PolarObservation:
     """One pointing of a total station at a target."""
 
     name: str
@@ -68,21 +68,21 @@ class FaceErrors:
     """Of the horizontal direction, (Hz1 - Hz2 + half a turn) / 2, in radians, -pi/2 to pi/2."""
 
 
-def line_of_sight(sight: Sight, station: Station) -> FloatArray:
+def line_of_sight(sight: PolarObservation, station: Station) -> FloatArray:
     """Return the unit vector from the instrument to the target, (3,), in the station's frame."""
     azimuth = sight.horizontal + station.orientation
     sin, cos = math.sin(sight.zenith), math.cos(sight.zenith)
     return np.array([sin * math.sin(azimuth), sin * math.cos(azimuth), cos])
 
 
-def reduce_sight(sight: Sight, station: Station) -> FloatArray:
+def reduce_sight(sight: PolarObservation, station: Station) -> FloatArray:
     """Return the coordinates of the point below the prism.
 
     ``dE = SD sin V sin Hz``, ``dN = SD sin V cos Hz``, ``dH = SD cos V + hi - hr``. Both faces reduce alike.
 
     Parameters
     ----------
-    sight : Sight
+    sight : PolarObservation
         With a distance.
     station : Station
         Where it was taken from.
@@ -99,7 +99,8 @@ def reduce_sight(sight: Sight, station: Station) -> FloatArray:
 
     Examples
     --------
-    >>> due_east = Sight("P", horizontal=math.pi / 2, zenith=math.pi / 2, distance=5.0, instrument_height=1.5)
+    >>> level = math.pi / 2
+    >>> due_east = PolarObservation("P", horizontal=math.pi / 2, zenith=level, distance=5.0, instrument_height=1.5)
     >>> reduce_sight(due_east, Station()).round(9).tolist()
     [5.0, 0.0, 1.5]
     """
@@ -109,17 +110,17 @@ def reduce_sight(sight: Sight, station: Station) -> FloatArray:
     return np.asarray(station.position + sight.distance * line_of_sight(sight, station) + up)
 
 
-def average_faces(sights: Sequence[Sight]) -> tuple[Sight, list[FaceErrors]]:
+def average_faces(sights: Sequence[PolarObservation]) -> tuple[PolarObservation, list[FaceErrors]]:
     """Average the sights of one target from one station, each face with the same weight.
 
     Parameters
     ----------
-    sights : sequence of Sight
+    sights : sequence of PolarObservation
         At least one, with equal heights; the k-th of the first face belongs to the k-th of the second.
 
     Returns
     -------
-    sight : Sight
+    sight : PolarObservation
         The mean, as the first face reads it, with the first sight's line. With one face only it keeps that
         face's errors.
     errors : list of FaceErrors
@@ -158,19 +159,19 @@ def misread_faces(faces: Sequence[FaceErrors]) -> list[FaceErrors]:
     return [one for one, far in zip(faces, off > FACE_LIMIT, strict=True) if far]
 
 
-def _face_errors(first: Sight, second: Sight) -> FaceErrors:
+def _face_errors(first: PolarObservation, second: PolarObservation) -> FaceErrors:
     index = (first.zenith + second.zenith - FULL_TURN) / 2
     collimation = wrap_angle(first.horizontal - second.horizontal + math.pi) / 2
     return FaceErrors(first.name, (first.line, second.line), index, collimation)
 
 
-def _as_first_face(sight: Sight) -> Sight:
+def _as_first_face(sight: PolarObservation) -> PolarObservation:
     if not sight.second_face:
         return sight
     return replace(sight, horizontal=sight.horizontal - math.pi, zenith=FULL_TURN - sight.zenith)
 
 
-def _mean(sights: Sequence[Sight]) -> Sight:
+def _mean(sights: Sequence[PolarObservation]) -> PolarObservation:
     start = sights[0]
     turns = [wrap_angle(one.horizontal - start.horizontal) for one in sights]
     distances = [one.distance for one in sights if one.distance is not None]

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from palletloc.evaluation.survey.prism import LEICA_CONSTANTS, PrismConstant, PrismConvention, PrismUse
-from palletloc.evaluation.survey.reading import read_survey
 from palletloc.io.reading import InputError
+from palletloc.survey.prism import LEICA_CONSTANTS, PrismConstant, PrismConvention, PrismUse
+from palletloc.survey.reading import read_survey
 
 LANDXML = """\
 <?xml version="1.0" encoding="UTF-8"?>

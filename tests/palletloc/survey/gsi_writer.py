@@ -8,10 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from palletloc.evaluation.survey.gsi import GsiBlock
-from palletloc.evaluation.survey.gsi_word import ANGLE_UNITS, LENGTH_UNITS, SEXAGESIMAL, GsiWord, Kind
 from palletloc.geometry import FloatArray
 from palletloc.io.atomic import write_bytes
+from palletloc.survey.gsi import ANGLE_UNITS, LENGTH_UNITS, SEXAGESIMAL, GsiBlock, GsiWord, Kind
 
 
 def format_block(block: GsiBlock) -> str:

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palletloc.evaluation.survey.gsi import GsiLineError, parse_gsi, parse_line, read_gsi
-from palletloc.evaluation.survey.gsi_writer import format_block
-from palletloc.evaluation.survey.point import SurveyError
 from palletloc.io.reading import InputError
+from palletloc.survey.gsi import GsiLineError, parse_gsi, parse_line, read_gsi
+from palletloc.survey.point import SurveyError
+from tests.palletloc.survey.gsi_writer import format_block
 
 # Lines of real instruments.
 REAL = [

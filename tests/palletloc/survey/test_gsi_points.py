@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from palletloc.evaluation.polar import Station
-from palletloc.evaluation.survey.gsi import GsiBlock, parse_gsi
-from palletloc.evaluation.survey.gsi_points import points_of, read_gsi_points
-from palletloc.evaluation.survey.gsi_word import GsiWord
-from palletloc.evaluation.survey.gsi_writer import format_block, measured_word, text_word
-from palletloc.evaluation.survey.point import Survey, SurveyError
-from palletloc.evaluation.survey.prism import PrismConstant, PrismConvention, PrismUse
 from palletloc.geometry import FloatArray
+from palletloc.survey.gsi import GsiBlock, GsiWord, parse_gsi
+from palletloc.survey.gsi_points import points_of, read_gsi_points
+from palletloc.survey.point import Survey, SurveyError
+from palletloc.survey.polar import Station
+from palletloc.survey.prism import PrismConstant, PrismConvention, PrismUse
+from tests.palletloc.survey.gsi_writer import format_block, measured_word, text_word
 
 STATION = Station(np.array([500.0, 300.0, 20.0]), 0.0)
 TARGETS = {

@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from scipy.special import gammaincc
 
-from palletloc.evaluation.rigid_body import (
+from palletloc.geometry import FloatArray, LevelPose, wrap_angle
+from palletloc.survey.bodies import SurveyedBody, rejected_text, surveyed_bodies
+from palletloc.survey.faults import check_distances, distance_limit
+from palletloc.survey.plan import SurveyPlan, read_survey_plan
+from palletloc.survey.point import Survey, SurveyError, lines_text
+from palletloc.survey.reading import read_survey
+from palletloc.survey.rigid_body import (
     BodyFit,
     FitError,
     UncertainPose,
@@ -19,12 +25,6 @@ from palletloc.evaluation.rigid_body import (
     is_mirrored,
     relative_pose,
 )
-from palletloc.evaluation.survey.point import Survey, SurveyError, lines_text
-from palletloc.evaluation.survey.reading import read_survey
-from palletloc.evaluation.survey_faults import check_distances, distance_limit
-from palletloc.evaluation.survey_plan import SurveyPlan, read_survey_plan
-from palletloc.evaluation.surveyed_body import SurveyedBody, rejected_text, surveyed_bodies
-from palletloc.evaluation.true_pose import TruePose
 
 MAX_TILT = math.radians(3.0)
 """Tilt beyond which a body is not standing, in radians."""
@@ -32,6 +32,53 @@ MAX_DISTANCE = 50.0
 """Farthest that a pallet may be from the forklift that approaches it, in metres."""
 IMPROBABLE = 1e-3
 """Probability of residuals below which the stated sigma is too small."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TruePose:
+    """Where a pallet truly is to the forklift."""
+
+    id: str
+    """Name of the pallet in the scene."""
+    forklift_from_pallet: LevelPose
+    """Its pose."""
+    covariance: FloatArray = field(default_factory=lambda: np.zeros((4, 4)))
+    """(4, 4) covariance of (x, y, z, yaw), in metres and radians; zero where the truth is exact."""
+
+    @property
+    def yaw_sigma(self) -> float:
+        """Standard deviation of the yaw, in radians."""
+        return math.sqrt(self.covariance[3, 3])
+
+    def normalized_error(self, pose: LevelPose, covariance: FloatArray | None = None) -> FloatArray:
+        """Return the error of a pose in standard deviations of both together.
+
+        Parameters
+        ----------
+        pose : LevelPose
+            A measured ``forklift_from_pallet``.
+        covariance : (4, 4) array, optional
+            Its own; None for an exact one.
+
+        Returns
+        -------
+        (4,) array
+            Of x, y, z and yaw.
+        """
+        both = self.covariance + (0.0 if covariance is None else covariance)
+        return self.error(pose) / np.sqrt(np.diag(both))
+
+    def nees(self, pose: LevelPose, covariance: FloatArray | None = None) -> float:
+        """Return the squared error of a pose in units of both covariances: 4 on average where they are true."""
+        both = self.covariance + (0.0 if covariance is None else covariance)
+        error = self.error(pose)
+        return float(error @ np.linalg.solve(both, error))
+
+    def error(self, pose: LevelPose) -> FloatArray:
+        """Return a pose minus the true one: (4,) of x, y, z and yaw, the yaw in [-pi, pi)."""
+        error = pose.as_array() - self.forklift_from_pallet.as_array()
+        error[3] = wrap_angle(float(error[3]))
+        return error
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,10 +11,10 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from palletloc.evaluation.rigid_body import free_scale
-from palletloc.evaluation.survey.point import Survey, SurveyError, SurveyPoint, lines_text
-from palletloc.evaluation.surveyed_body import SurveyedBody
 from palletloc.geometry import FloatArray
+from palletloc.survey.bodies import SurveyedBody
+from palletloc.survey.point import Survey, SurveyError, SurveyPoint, lines_text
+from palletloc.survey.rigid_body import free_scale
 
 CERTAIN = 5.0
 """Standard deviations beyond which a distance is wrong."""

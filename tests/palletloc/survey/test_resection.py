@@ -8,9 +8,9 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import chi2
 
-from palletloc.evaluation.polar import Sight, Station, reduce_sight
-from palletloc.evaluation.resection import InstrumentSigma, ResectionError, resect
 from palletloc.geometry import FloatArray, wrap_angle
+from palletloc.survey.polar import PolarObservation, Station, reduce_sight
+from palletloc.survey.resection import InstrumentSigma, ResectionError, resect
 
 KNOWN = {
     "K1": np.array([105.0, 203.0, 11.0]),
@@ -22,15 +22,15 @@ STATION = Station(np.array([100.0, 200.0, 10.0]), 2.2)
 SIGMA = InstrumentSigma(angle=math.radians(5 / 3600), distance=1e-3)
 
 
-def sight(name: str, point: FloatArray, line: int = 1) -> Sight:
+def sight(name: str, point: FloatArray, line: int = 1) -> PolarObservation:
     """Return the exact sight of a point, with its heights."""
     east, north, high = point - STATION.position + np.array([0, 0, 0.3 - 1.5])
     reading = (math.atan2(east, north) - STATION.orientation) % (2 * math.pi)
     zenith = math.atan2(math.hypot(east, north), high)
-    return Sight(name, reading, zenith, math.hypot(east, north, high), 0.3, 1.5, line)
+    return PolarObservation(name, reading, zenith, math.hypot(east, north, high), 0.3, 1.5, line)
 
 
-def sights() -> list[Sight]:
+def sights() -> list[PolarObservation]:
     return [sight(name, point, line) for line, (name, point) in enumerate(KNOWN.items(), start=1)]
 
 

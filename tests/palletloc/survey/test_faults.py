@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palletloc.evaluation.survey.point import Survey, SurveyError, SurveyPoint
-from palletloc.evaluation.survey_plan import read_survey_plan
-from palletloc.evaluation.surveyed_truth import read_surveyed_truth, survey_truth
+from palletloc.survey.plan import read_survey_plan
+from palletloc.survey.point import Survey, SurveyError, SurveyPoint
+from palletloc.survey.truth import read_surveyed_truth, survey_truth
 
 Points = dict[str, list[float]]
 STATION = np.array([411.0, 192.0, 13.0])

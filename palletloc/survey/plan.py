@@ -10,10 +10,10 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator, Field
 
-from palletloc.evaluation.survey.prism import PrismConstant, PrismConvention, PrismUse
 from palletloc.geometry import FloatArray
 from palletloc.io.schema import Number, Triple
 from palletloc.io.yaml_document import Document, DocumentError, Numbers, read_document
+from palletloc.survey.prism import PrismConstant, PrismConvention, PrismUse
 
 FORKLIFT = "forklift"
 """Name of the body that moves."""

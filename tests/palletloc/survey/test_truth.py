@@ -9,12 +9,12 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import chi2
 
-from palletloc.evaluation.survey.point import Survey, SurveyPoint
-from palletloc.evaluation.survey_plan import SurveyPlan, read_survey_plan
-from palletloc.evaluation.surveyed_truth import read_surveyed_truth, survey_truth
-from palletloc.evaluation.true_pose import TruePose, continuous_poses
+from palletloc.evaluation.truth import continuous_poses
 from palletloc.geometry import LevelPose
 from palletloc.io.truth import TruePallet, read_truth
+from palletloc.survey.plan import SurveyPlan, read_survey_plan
+from palletloc.survey.point import Survey, SurveyPoint
+from palletloc.survey.truth import TruePose, read_surveyed_truth, survey_truth
 from palletloc.trajectory import Trajectory
 
 Points = Mapping[str, list[float]]

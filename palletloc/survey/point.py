@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from palletloc.errors import nearest_name
-from palletloc.evaluation.polar import FaceErrors
 from palletloc.geometry import FloatArray
 from palletloc.io.reading import InputError
+from palletloc.survey.polar import FaceErrors
 
 
 class SurveyError(InputError):

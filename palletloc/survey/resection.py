@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from palletloc.errors import PalletLocError
-from palletloc.evaluation.polar import Sight, Station, reduce_sight
-from palletloc.evaluation.rigid_body import FitError, fit_level
 from palletloc.geometry import FloatArray, wrap_angle
+from palletloc.survey.polar import PolarObservation, Station, reduce_sight
+from palletloc.survey.rigid_body import FitError, fit_level
 
 MAX_ROUNDS = 20
 """After which the iteration is given up; a few suffice."""
@@ -54,13 +54,13 @@ class FreeStation:
 
 
 def resect(
-    sights: Sequence[Sight], known: Mapping[str, FloatArray], sigma: InstrumentSigma | None = None
+    sights: Sequence[PolarObservation], known: Mapping[str, FloatArray], sigma: InstrumentSigma | None = None
 ) -> FreeStation:
     """Find a station by Gauss-Newton from sights to known points.
 
     Parameters
     ----------
-    sights : sequence of Sight
+    sights : sequence of PolarObservation
         From one station; at least two of them with distances, to points that do not stand above one another.
     known : mapping of str to (3,) array
         Easting, northing and height of each target, in metres.
@@ -91,7 +91,7 @@ def resect(
 
 
 def _settled(
-    sights: Sequence[Sight], known: Mapping[str, FloatArray], station: Station, weights: FloatArray
+    sights: Sequence[PolarObservation], known: Mapping[str, FloatArray], station: Station, weights: FloatArray
 ) -> FreeStation:
     """Improve the station until it stands still."""
     for _ in range(MAX_ROUNDS):
@@ -110,7 +110,7 @@ def _settled(
     return FreeStation(station, (covariance + covariance.T) / 2, errors.reshape(-1, 3), chi2, int(used.sum()) - 4)
 
 
-def _first_guess(sights: Sequence[Sight], known: Mapping[str, FloatArray]) -> Station:
+def _first_guess(sights: Sequence[PolarObservation], known: Mapping[str, FloatArray]) -> Station:
     """Return the station by fitting the reduced sights, as a level body, to the known points."""
     measured = [sight for sight in sights if sight.distance is not None]
     reduced = np.array([reduce_sight(sight, Station()) for sight in measured]).reshape(-1, 3)
@@ -123,7 +123,7 @@ def _first_guess(sights: Sequence[Sight], known: Mapping[str, FloatArray]) -> St
     return Station(np.array([pose.x, pose.y, pose.z]), -pose.yaw)
 
 
-def _weights(sight: Sight, sigma: InstrumentSigma) -> FloatArray:
+def _weights(sight: PolarObservation, sigma: InstrumentSigma) -> FloatArray:
     distance = sight.distance or math.inf
     flat = distance * abs(math.sin(sight.zenith))
     horizontal = math.hypot(sigma.angle / max(abs(math.sin(sight.zenith)), 1e-6), sigma.centring / max(flat, 1e-3))
@@ -133,7 +133,7 @@ def _weights(sight: Sight, sigma: InstrumentSigma) -> FloatArray:
 
 
 def _linearized(
-    sights: Sequence[Sight], known: Mapping[str, FloatArray], station: Station
+    sights: Sequence[PolarObservation], known: Mapping[str, FloatArray], station: Station
 ) -> tuple[FloatArray, FloatArray]:
     """Return observed minus computed readings, (3 n,), and the computed ones' slopes by the unknowns, (3 n, 4)."""
     errors, slopes = [], []

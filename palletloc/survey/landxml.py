@@ -10,9 +10,9 @@ from xml.parsers import expat
 import numpy as np
 
 from palletloc.errors import nearest_name
-from palletloc.evaluation.survey.point import LineNote, Survey, SurveyError, SurveyPoint
 from palletloc.io.csv_table import shortened
 from palletloc.io.reading import read_bytes
+from palletloc.survey.point import LineNote, Survey, SurveyError, SurveyPoint
 
 LINEAR_UNITS: Mapping[str, float] = {
     "millimeter": 1e-3,

@@ -19,8 +19,8 @@ from palletloc.evaluation.estimate import PalletEstimate
 from palletloc.evaluation.estimate_error import offsets
 from palletloc.evaluation.evaluated_recording import EvaluatedRecording, evaluate_recording, write_results
 from palletloc.evaluation.evaluated_run import EvaluatedSource, Settings, evaluate_run
-from palletloc.evaluation.recording_truth import RecordingTruth, read_recording_truth
 from palletloc.evaluation.run_files import SHOTS_SOURCE, TRACKS_SOURCE, RunFiles, read_run
+from palletloc.evaluation.truth import RecordingTruth, read_recording_truth
 from palletloc.io.atomic import write_text
 from palletloc.io.run_folder import MEASUREMENTS, Run, RunFolder
 from palletloc.io.truth import read_truth

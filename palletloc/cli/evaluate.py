@@ -28,13 +28,13 @@ from palletloc.evaluation.evaluated_run import (
 )
 from palletloc.evaluation.metrics import METRICS
 from palletloc.evaluation.proportion import Proportion
-from palletloc.evaluation.recording_truth import RecordingTruth, read_recording_truth
 from palletloc.evaluation.requirement import Requirement
 from palletloc.evaluation.run_files import RunFiles, read_run
 from palletloc.evaluation.run_match import NEAREST_LIMIT
 from palletloc.evaluation.side_by_side import ComparedRuns
 from palletloc.evaluation.survey_document import survey_notes
 from palletloc.evaluation.time_pairing import TimeRule
+from palletloc.evaluation.truth import RecordingTruth, read_recording_truth
 from palletloc.io.recording import Recording
 
 _NOTES = 8

@@ -18,10 +18,10 @@ from palletloc.evaluation.evaluated_recording import EvaluatedRecording, evaluat
 from palletloc.evaluation.evaluated_run import EvaluatedRun, Settings
 from palletloc.evaluation.metrics import METRICS, check_document
 from palletloc.evaluation.proportion import clopper_pearson
-from palletloc.evaluation.recording_truth import read_recording_truth
 from palletloc.evaluation.requirement import Requirement, check_requirement
 from palletloc.evaluation.run_files import read_run
 from palletloc.evaluation.spread import spread
+from palletloc.evaluation.truth import read_recording_truth
 from palletloc.geometry import FloatArray
 from palletloc.io.recording import RECORDING
 

@@ -9,9 +9,9 @@ from pathlib import Path
 from palletloc.evaluation.error_table import ERRORS, write_errors
 from palletloc.evaluation.evaluated_run import EvaluatedRun, Settings, evaluate_run
 from palletloc.evaluation.metrics import METRICS, metrics_document, metrics_text
-from palletloc.evaluation.recording_truth import RecordingTruth
 from palletloc.evaluation.run_files import RunFiles
 from palletloc.evaluation.side_by_side import ComparedRuns, side_by_side
+from palletloc.evaluation.truth import RecordingTruth
 from palletloc.io.atomic import write_text
 
 

@@ -12,15 +12,15 @@ from palletloc.evaluation.errors import EvaluationError, Sight, by_shot, true_fa
 from palletloc.evaluation.estimate import PalletEstimate
 from palletloc.evaluation.estimate_error import EstimateError, offsets
 from palletloc.evaluation.iso9283 import StopAccuracy, stop_accuracy
-from palletloc.evaluation.recording_truth import RecordingTruth
 from palletloc.evaluation.requirement import Requirement, RequirementCheck, check_requirement
 from palletloc.evaluation.run_files import RunFiles
 from palletloc.evaluation.run_match import NEAREST_LIMIT, TrueScene, match_run
 from palletloc.evaluation.shot_match import Detection, ShotMatch, detection, match_shot
-from palletloc.evaluation.surveyed_truth import SurveyedStop
 from palletloc.evaluation.time_pairing import TimeRule, nearest_pairs
+from palletloc.evaluation.truth import RecordingTruth
 from palletloc.geometry import LevelPose
 from palletloc.io.truth import path_file
+from palletloc.survey.truth import SurveyedStop
 
 INTERPOLATED_LIMIT = 0.5
 """How far apart the truth's samples on both sides of a shot may be, in seconds, where nothing else is asked."""

@@ -15,12 +15,12 @@ from palletloc.evaluation.estimate_error import COMPONENTS, EstimateError
 from palletloc.evaluation.evaluated_run import EvaluatedRun, EvaluatedSource, Settings, StopErrors
 from palletloc.evaluation.paired_comparison import Difference
 from palletloc.evaluation.proportion import Proportion
-from palletloc.evaluation.recording_truth import RecordingTruth
 from palletloc.evaluation.requirement import Requirement, RequirementCheck
 from palletloc.evaluation.shot_match import Detection
 from palletloc.evaluation.side_by_side import RESAMPLES, SEED, ComparedRuns
 from palletloc.evaluation.spread import Spread
 from palletloc.evaluation.survey_document import survey_document
+from palletloc.evaluation.truth import RecordingTruth
 
 FORMAT = 1
 """Number of the form; a change that breaks a reader gets the next one."""

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from palletloc.evaluation.polar import FaceErrors
-from palletloc.evaluation.recording_truth import RecordingTruth
-from palletloc.evaluation.surveyed_truth import PlacedBody, SurveyedTruth
+from palletloc.evaluation.truth import RecordingTruth
+from palletloc.survey.polar import FaceErrors
+from palletloc.survey.truth import PlacedBody, SurveyedTruth
 
 
 def survey_document(surveyed: SurveyedTruth, truth: RecordingTruth, stop_limit: float) -> Mapping[str, Any]:

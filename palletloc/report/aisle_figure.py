@@ -12,8 +12,8 @@ from matplotlib.patches import Polygon
 from palletloc.drawing.canvas import FAINT, GRID, INK, WIDTH_PX, add_axes, add_legend, add_text, new_figure
 from palletloc.evaluation.errors import TrueFace
 from palletloc.evaluation.evaluated_run import EvaluatedRun
-from palletloc.evaluation.recording_truth import RecordingTruth
 from palletloc.evaluation.shot_match import ShotMatch
+from palletloc.evaluation.truth import RecordingTruth
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.pallet import PalletModel
 from palletloc.report.source_style import STYLES

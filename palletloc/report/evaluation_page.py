@@ -11,9 +11,9 @@ from palletloc.drawing.canvas import small_png
 from palletloc.evaluation.consistency import chi_square_check
 from palletloc.evaluation.evaluated_recording import EvaluatedRecording
 from palletloc.evaluation.evaluated_run import EvaluatedRun, EvaluatedSource, Settings
-from palletloc.evaluation.recording_truth import RecordingTruth
 from palletloc.evaluation.requirement import RequirementCheck, Verdict
 from palletloc.evaluation.time_pairing import TimeRule
+from palletloc.evaluation.truth import RecordingTruth
 from palletloc.report.aisle_figure import aisle_figure
 from palletloc.report.approach_figure import approach_figure
 from palletloc.report.error_spread_figure import distance_figure, histogram_figure

@@ -6,16 +6,18 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from palletloc.candidate import Candidate, Fit, Refusal
     from palletloc.config import LocalizerConfig, Method
     from palletloc.errors import PalletLocError
     from palletloc.geometry import LevelPose
     from palletloc.io.recording import Recording, read_recording
     from palletloc.localizer import Explanation, Localizer, Start
-    from palletloc.measurement import PalletMeasurement, Refusal
+    from palletloc.measurement import PalletMeasurement, RefusedCandidate
     from palletloc.mounting import Mounting
     from palletloc.pallet import Opening, PalletModel
     from palletloc.pallet_library import find_models, load_library
     from palletloc.shelf import ShelfPlane
+    from palletloc.shot import Shot
 
 __version__ = "0.1.0"
 
@@ -32,7 +34,11 @@ _HOMES = {
     "PalletMeasurement": "measurement",
     "PalletModel": "pallet",
     "Recording": "io.recording",
-    "Refusal": "measurement",
+    "Refusal": "candidate",
+    "RefusedCandidate": "measurement",
+    "Shot": "shot",
+    "Fit": "candidate",
+    "Candidate": "candidate",
     "ShelfPlane": "shelf",
     "Start": "localizer",
     "find_models": "pallet_library",
@@ -41,7 +47,9 @@ _HOMES = {
 }
 
 __all__ = [
+    "Candidate",
     "Explanation",
+    "Fit",
     "LevelPose",
     "Localizer",
     "LocalizerConfig",
@@ -53,7 +61,9 @@ __all__ = [
     "PalletModel",
     "Recording",
     "Refusal",
+    "RefusedCandidate",
     "ShelfPlane",
+    "Shot",
     "Start",
     "__version__",
     "find_models",

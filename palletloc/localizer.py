@@ -46,7 +46,7 @@ class Explanation:
     """Everything that was found in one shot, stage by stage."""
 
     shot: Shot
-    """The shot, as it was exposed for what is to be measured."""
+    """The shot."""
     shelf_views: tuple[ShelfView, ...]
     """What was searched for pallets."""
     detections: tuple[Detection, ...]
@@ -124,10 +124,10 @@ class Localizer:
 
     def explain(self, shot: Shot, shelf: ShelfPlane) -> Explanation:
         """Do what `localize` does and keep the result of every stage."""
-        shot = self._exposed_for(shot, shelf)
-        detections, views = detect(shot, shelf, list(self.models.values()), self.config.detection)
-        fits = exclude_overlaps(self._fits(shot, detections), self.config.verification)
-        fits = exclude_overlaps([self._beside(shot, fit) for fit in fits], self.config.verification)
+        exposed = self._exposed_for(shot, shelf)
+        detections, views = detect(exposed, shelf, list(self.models.values()), self.config.detection)
+        fits = exclude_overlaps(self._fits(exposed, detections), self.config.verification)
+        fits = exclude_overlaps([self._beside(exposed, fit) for fit in fits], self.config.verification)
         return Explanation(shot, tuple(views), tuple(detections), tuple(fits))
 
     def localize_from(
@@ -156,8 +156,8 @@ class Localizer:
         """Do what `localize_from` does and keep the result of every stage."""
         given = [self._given(shot, start, levels) for start in starts]
         usable = [each.start for each in given if isinstance(each, Candidate)]
-        shot = shot.exposed_for(points_about(usable)) if usable else shot
-        return Explanation(shot, (), (), tuple(self._from_start(shot, each) for each in given))
+        exposed = shot.exposed_for(points_about(usable)) if usable else shot
+        return Explanation(shot, (), (), tuple(self._from_start(exposed, each) for each in given))
 
     def _fits(self, shot: Shot, detections: Sequence[Detection]) -> list[Fit | Refusal]:
         """Measure detections, the best first, but none where a pallet that is beyond doubt stands."""

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from palletloc.baselines import measure_as_in_paper, measure_jointly, measure_on_planes
 from palletloc.candidate import Candidate, Fit, Refusal
 from palletloc.config import LocalizerConfig, Method
 from palletloc.fitting import FitStart, decide, fit_from_starts
 from palletloc.geometry import LevelPose
 from palletloc.measurement import Reason, Stage, YawSource
 from palletloc.paper.horizontal_view import horizontal_source
-from palletloc.paper.methods import measure_as_in_paper, measure_jointly, measure_on_planes
 from palletloc.refinement.patch import FacePatch
 from palletloc.refinement.search import search
 from palletloc.rivals import Measure, own_start

@@ -4,11 +4,11 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from palletloc.loose_table import MAX_ERROR_PX
 from scipy.spatial.transform import RigidTransform
 
 from palletloc.cameras import CameraModel, Equirectangular, Pinhole
 from palletloc.geometry import FloatArray, LevelPose
-from palletloc.loose_table import MAX_ERROR_PX, loose_table
 from palletloc.plane import PALLET_FROM_VERTICAL, PlaneGrid, place_plane
 from palletloc.projection import Projector
 from palletloc.remap_table import Interpolation, RemapTable, exact_map

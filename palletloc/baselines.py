@@ -114,7 +114,7 @@ def _voted_yaw(
     """Measure the yaw by all level edges, twice: the second plane is placed by the first's result."""
     if source is YawSource.FACE:
         return start
-    pose, steps = start.pose, start.steps
+    voted, pose, steps = start, start.pose, start.steps
     for _ in range(2):
         seen = view_horizontal(shot, pose, model, source, config.yaw)
         estimate = measure_yaw(shot, seen, pose, model, config.yaw)
@@ -123,10 +123,11 @@ def _voted_yaw(
         steps = (*steps, seen)
         turned = abs(wrap_angle(estimate.yaw - pose.yaw))
         pose = replace(pose, yaw=estimate.yaw)
+        up = model.height if estimate.source is YawSource.TOP else 0.0
+        voted = FitStart(pose, estimate.source, YawPrior(estimate.sigma, up), (*steps, estimate))
         if turned < np.radians(SMALL_TURN_DEG):
             break
-    up = model.height if estimate.source is YawSource.TOP else 0.0
-    return FitStart(pose, estimate.source, YawPrior(estimate.sigma, up), (*steps, estimate))
+    return voted
 
 
 def measure_as_in_paper(shot: Shot, candidate: Candidate, config: LocalizerConfig) -> Fit | Refusal:

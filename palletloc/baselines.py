@@ -64,9 +64,11 @@ def measure_on_planes(shot: Shot, candidate: Candidate, config: LocalizerConfig)
     weak = source is YawSource.FACE or candidate.height is None
 
     def prepared(peak: LevelPose) -> FitStart:
-        return _voted_yaw(shot, model, source, FitStart(peak, YawSource.FACE, steps=(*steps, swept)), config)
+        return _voted_yaw(shot, model, source, FitStart(peak, YawSource.FACE), config)
 
-    return fit_from_starts(shot, candidate, _surroundings(shot, model, swept.peaks), prepared, weak, config)
+    return fit_from_starts(
+        shot, candidate, _surroundings(shot, model, swept.peaks), prepared, weak, config, (*steps, swept)
+    )
 
 
 def _surroundings(

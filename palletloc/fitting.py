@@ -67,6 +67,7 @@ def fit_from_starts(
     prepare: Prepare,
     weak: bool,
     config: LocalizerConfig,
+    steps: tuple[object, ...] = (),
 ) -> Fit | Refusal:
     """Fit the face from one start after the other, until one leaves no doubt, and decide between the fits.
 
@@ -87,6 +88,8 @@ def fit_from_starts(
         Whether only the face gives the yaw, or nothing is known of the height.
     config : LocalizerConfig
         Parameters.
+    steps : tuple
+        Results of the steps before, to be kept.
 
     Returns
     -------
@@ -102,13 +105,15 @@ def fit_from_starts(
         if not _may_be_pallet(patch, start, candidate, config):
             continue  # most places that are not a pallet end here
         earlier = [attempt.fit.pose for attempt in attempts if attempt.fit is not None]
-        attempt = _attempt(shot, candidate, prepare(start), patch, earlier, config)
+        prepared = prepare(start)
+        prepared = replace(prepared, steps=(*steps, *prepared.steps))
+        attempt = _attempt(shot, candidate, prepared, patch, earlier, config)
         attempts.append(attempt)
         certain = not weak and _is_certain(attempt, config)
         if certain or _is_repeated(attempt) or len(attempts) == MOST_ATTEMPTS:
             break
     if not attempts:
-        return Refusal(candidate, Stage.VERIFICATION, Reason.LOW_CONTRAST)
+        return Refusal(candidate, Stage.VERIFICATION, Reason.LOW_CONTRAST, None, steps)
     best = max(attempts, key=lambda attempt: attempt.likelihood)
     doubted = _with_doubt(shot, best, weak, config)
     heights = any_height(shot, best, config) if isinstance(best, Fit) else []

@@ -45,10 +45,10 @@ def measure_refined(shot: Shot, candidate: Candidate, config: LocalizerConfig) -
     weak = source is YawSource.FACE or candidate.height is None
 
     def prepared(start: LevelPose) -> FitStart:
-        return FitStart(start, source, steps=(found,))
+        return FitStart(start, source)
 
     def measured(starts: Sequence[tuple[LevelPose, FacePatch]]) -> Fit | Refusal:
-        return fit_from_starts(shot, candidate, starts, prepared, weak, config)
+        return fit_from_starts(shot, candidate, starts, prepared, weak, config, (found,))
 
     best = measured(found.starts)
     return decide(best, [own_start(best, lambda start: measured([(start, found.patch)]))], config)

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.progress import track
 
 from benchmarks.tables import Column, Section, Value
-from palletloc.config import Method
+from palletloc.choices import Method
 from palletloc.evaluation.errors import ShotErrors, recording_errors
 from palletloc.evaluation.spread import Spread
 from palletloc.evaluation.summary import FAR_BELOW, summarize

@@ -12,6 +12,7 @@ from scipy.spatial.transform import RigidTransform
 
 from benchmarks.scenes import DrawnScene
 from benchmarks.visibility import hidden_shares
+from palletloc.choices import CameraKind
 from palletloc.evaluation.errors import PAIRING_DISTANCE, PoseError, TrueFace, shot_errors, true_faces
 from palletloc.evaluation.summary import FAR_BELOW
 from palletloc.geometry import Image
@@ -19,7 +20,6 @@ from palletloc.io.recording import Recording
 from palletloc.io.truth import TruePallet
 from palletloc.localizer import Explanation, Localizer
 from palletloc.offline import shelf_at
-from palletloc.synthetic.rig import CameraKind
 from palletloc.synthetic.simulation import Simulation
 
 MOST_HIDDEN = 0.5

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from matplotlib.axes import Axes
 
 from palletloc.drawing.canvas import add_axes, new_figure
-from palletloc.drawing.labels import Label, write_labels
+from palletloc.drawing.shelf_figure import Label, write_labels
 from palletloc.geometry import FloatArray
 
 POINTS = st.lists(st.tuples(st.floats(0, 10), st.floats(0, 1)), min_size=1, max_size=20)

@@ -51,7 +51,7 @@ class Observed:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Bundle:
+class DriveSolution:
     """A solution."""
 
     scale: float
@@ -80,7 +80,7 @@ class Bundle:
         return self.covariance[first:middle, first:middle], self.covariance[middle:, middle:]
 
 
-def solve(observed: Observed, edges: FloatArray | None = None, yaw_sigma: float = 0.0) -> Bundle:
+def solve(observed: Observed, edges: FloatArray | None = None, yaw_sigma: float = 0.0) -> DriveSolution:
     """Find the poses, pallets and edges that fit best.
 
     Parameters
@@ -94,7 +94,7 @@ def solve(observed: Observed, edges: FloatArray | None = None, yaw_sigma: float 
 
     Returns
     -------
-    Bundle
+    DriveSolution
         Robust against single wrong sights.
     """
     problem = _Problem(observed, 0 if edges is None else len(edges), yaw_sigma)
@@ -113,14 +113,14 @@ class _Problem:
         self.drive, self.camera = observed.drive, observed.camera
         self.shots = len(self.drive.steps)
         self.pallet_of = observed.pallet_of
-        self.pallet_shot = np.array([one.shot for one in observed.pallets], np.intp)
-        self.planar = np.array([one.planar for one in observed.pallets]).reshape(-1, 3)
-        self.whiten = np.array([_whitener(one.covariance) for one in observed.pallets]).reshape(-1, 3, 3)
+        self.pallet_shot = np.array([sight.shot for sight in observed.pallets], np.intp)
+        self.planar = np.array([sight.planar for sight in observed.pallets]).reshape(-1, 3)
+        self.whiten = np.array([_whitener(sight.covariance) for sight in observed.pallets]).reshape(-1, 3, 3)
         self.pallets = int(self.pallet_of.max(initial=-1)) + 1
-        self.edge_of = np.array([one.edge for one in observed.edges], np.intp)
-        self.edge_shot = np.array([one.shot for one in observed.edges], np.intp)
-        self.azimuth = np.array([one.azimuth for one in observed.edges])
-        self.edge_sigma = np.array([one.sigma for one in observed.edges])
+        self.edge_of = np.array([sight.edge for sight in observed.edges], np.intp)
+        self.edge_shot = np.array([sight.shot for sight in observed.edges], np.intp)
+        self.azimuth = np.array([sight.azimuth for sight in observed.edges])
+        self.edge_sigma = np.array([sight.sigma for sight in observed.edges])
         self.edges = edges
 
     def start(self, edges: FloatArray) -> FloatArray:
@@ -168,10 +168,10 @@ class _Problem:
         azimuth = np.arctan2(y - self.camera[1], x - self.camera[0])
         return np.asarray(wrap_angle(azimuth + yaw - self.azimuth) / self.edge_sigma)
 
-    def unpack(self, x: FloatArray, covariance: FloatArray) -> Bundle:
+    def unpack(self, x: FloatArray, covariance: FloatArray) -> DriveSolution:
         (scale, bias, yaw), poses, pallets, edges = self.split(x)
         errors = self.pallet_errors(poses, pallets, yaw), self.edge_errors(poses, edges, yaw)
-        return Bundle(float(scale), float(bias), float(yaw), poses, pallets, edges, covariance, *errors)
+        return DriveSolution(float(scale), float(bias), float(yaw), poses, pallets, edges, covariance, *errors)
 
 
 def _whitener(covariance: FloatArray) -> FloatArray:
@@ -199,22 +199,22 @@ def same_pallets(drive: Drive, sights: Sequence[PalletSight]) -> tuple[list[Pall
     """
     poses = drive.poses()
     newest: list[tuple[str, float, FloatArray]] = []
-    ordered = sorted(sights, key=lambda one: one.shot)
+    ordered = sorted(sights, key=lambda sight: sight.shot)
     owner: list[int] = []
-    for one in ordered:
-        at = compose(poses[one.shot], one.planar)
+    for sight in ordered:
+        at = compose(poses[sight.shot], sight.planar)
         near = [
             (float(np.hypot(*(at - place)[:2])), i)
             for i, (model, z, place) in enumerate(newest)
-            if model == one.model and abs(z - one.pose.z) < _JOIN
+            if model == sight.model and abs(z - sight.pose.z) < _JOIN
         ]
         distance, index = min(near, default=(np.inf, -1))
         if distance > _JOIN:
-            newest.append((one.model, one.pose.z, at))
+            newest.append((sight.model, sight.pose.z, at))
             index = len(newest) - 1
-        newest[index] = (one.model, one.pose.z, at)
+        newest[index] = (sight.model, sight.pose.z, at)
         owner.append(index)
     counts = np.bincount(owner, minlength=len(newest)) if owner else np.zeros(0, int)
     kept = {int(old): new for new, old in enumerate(np.flatnonzero(counts >= 2))}
-    chosen = [(one, kept[i]) for one, i in zip(ordered, owner, strict=True) if i in kept]
-    return [one for one, _ in chosen], np.array([i for _, i in chosen], np.intp)
+    chosen = [(sight, kept[i]) for sight, i in zip(ordered, owner, strict=True) if i in kept]
+    return [sight for sight, _ in chosen], np.array([i for _, i in chosen], np.intp)

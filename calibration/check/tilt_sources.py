@@ -78,26 +78,28 @@ def fused_tilt(tilts: Sequence[NamedTilt]) -> FusedTilt:
     >>> fused_tilt([one, other]).turn.round(6).tolist()
     [0.001, 0.0]
     """
-    information = np.sum([one.tilt.information for one in tilts], axis=0)
+    information = np.sum([source.tilt.information for source in tilts], axis=0)
     covariance = _inverse(information)
-    turn = covariance @ np.sum([one.tilt.information @ one.tilt.turn for one in tilts], axis=0)
-    pairs = [_compared(one, other) for one, other in combinations(tilts, 2)]
-    found = [one for one in pairs if one is not None]
-    square = sum(float((one.tilt.turn - turn) @ one.tilt.information @ (one.tilt.turn - turn)) for one in tilts)
-    freedom = sum(_told(one.tilt.information) for one in tilts) - _told(information)
+    turn = covariance @ np.sum([source.tilt.information @ source.tilt.turn for source in tilts], axis=0)
+    pairs = [_compared(first, second) for first, second in combinations(tilts, 2)]
+    found = [pair for pair in pairs if pair is not None]
+    square = sum(
+        float((source.tilt.turn - turn) @ source.tilt.information @ (source.tilt.turn - turn)) for source in tilts
+    )
+    freedom = sum(_told(source.tilt.information) for source in tilts) - _told(information)
     chance = float(chi2.sf(square, freedom)) if freedom > 0 else 1.0
-    return FusedTilt(turn, covariance, chance, min(found, key=lambda one: one.chance, default=None))
+    return FusedTilt(turn, covariance, chance, min(found, key=lambda pair: pair.chance, default=None))
 
 
-def _compared(one: NamedTilt, other: NamedTilt) -> Contradiction | None:
+def _compared(first: NamedTilt, second: NamedTilt) -> Contradiction | None:
     """Compare two sources where both speak."""
-    a, b = one.tilt.information, other.tilt.information
+    a, b = first.tilt.information, second.tilt.information
     both = a @ np.linalg.pinv(a + b, rcond=1e-9) @ b
     freedom = _told(both)
     if not freedom:
         return None
-    off = other.tilt.turn - one.tilt.turn
-    return Contradiction(one.method, other.method, float(chi2.sf(float(off @ both @ off), freedom)))
+    off = second.tilt.turn - first.tilt.turn
+    return Contradiction(first.method, second.method, float(chi2.sf(float(off @ both @ off), freedom)))
 
 
 def _told(information: FloatArray) -> int:

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from calibration.check.floor_lines import FloorSights, floor_sights, floor_tilt
-from calibration.check.pallet_heights import HeightSights, height_witness
-from calibration.check.sources import FLOOR, LEVELS, PALLETS, VERTICALS, NamedTilt, fused_tilt
+from calibration.check.pallet_heights import HeightSights, height_estimate
+from calibration.check.tilt_sources import FLOOR, LEVELS, PALLETS, VERTICALS, NamedTilt, fused_tilt
 from calibration.shelf.gravity_lines import Tilt
 from calibration.shelf.line_segments import Segments
 from palletloc.geometry import FloatArray
@@ -37,21 +37,21 @@ def test_pallets_tell_the_turn_and_the_height_within_what_they_state() -> None:
     for seed in range(40):
         rng = np.random.default_rng(seed)
         truth = np.array([*np.radians(rng.uniform(-1, 1, 2)), 0.02 * rng.standard_normal()])
-        witness = height_witness(sights(rng, truth[:2], truth[2]), CENTER[2])
-        assert witness is not None
-        off = np.array([*witness.tilt.turn, witness.height]) - truth
-        square.append(float(off @ np.linalg.solve(witness.covariance, off)))
-        pitch.append(float(np.degrees(np.sqrt(witness.covariance[1, 1]))))
+        estimate = height_estimate(sights(rng, truth[:2], truth[2]), CENTER[2])
+        assert estimate is not None
+        off = np.array([*estimate.tilt.turn, estimate.height]) - truth
+        square.append(float(off @ np.linalg.solve(estimate.covariance, off)))
+        pitch.append(float(np.degrees(np.sqrt(estimate.covariance[1, 1]))))
     assert 1.8 < np.mean(square) < 4.5  # three degrees of freedom
     assert max(pitch) < 0.1
 
 
 def test_a_known_tilt_tells_the_height_better() -> None:
     truth = np.radians([0.4, -0.3])
-    witness = height_witness(sights(np.random.default_rng(3), truth, 0.025), CENTER[2])
-    assert witness is not None
-    height, sigma = witness.height_given(truth, np.diag(np.radians([0.02, 0.02])) ** 2)
-    assert sigma < np.sqrt(witness.covariance[2, 2])
+    estimate = height_estimate(sights(np.random.default_rng(3), truth, 0.025), CENTER[2])
+    assert estimate is not None
+    height, sigma = estimate.height_given(truth, np.diag(np.radians([0.02, 0.02])) ** 2)
+    assert sigma < np.sqrt(estimate.covariance[2, 2])
     assert abs(height - 0.025) < 3 * sigma
 
 
@@ -60,10 +60,10 @@ def test_a_pallet_of_unknown_height_still_tells_the_pitch_but_not_the_height() -
     free = HeightSights(
         known.pallet, known.azimuth, known.distance, known.elevation, known.sigma, known.heights, np.full(4, 0.3)
     )
-    witness = height_witness(free, CENTER[2])
-    assert witness is not None
-    sigma = np.sqrt(np.diag(witness.covariance))
-    assert abs(witness.tilt.turn[1] - np.radians(0.5)) < 3 * sigma[1] < np.radians(0.5)
+    estimate = height_estimate(free, CENTER[2])
+    assert estimate is not None
+    sigma = np.sqrt(np.diag(estimate.covariance))
+    assert abs(estimate.tilt.turn[1] - np.radians(0.5)) < 3 * sigma[1] < np.radians(0.5)
     assert sigma[2] > 0.015
 
 
@@ -73,7 +73,7 @@ def test_too_few_pallets_tell_nothing() -> None:
         one.pallet[:5], one.azimuth[:5], one.distance[:5], one.elevation[:5], one.sigma[:5], one.heights,
         one.height_sigmas,
     )  # fmt: skip
-    assert height_witness(few, CENTER[2]) is None
+    assert height_estimate(few, CENTER[2]) is None
 
 
 def floor(rng: np.random.Generator, turn: FloatArray, lines: list[tuple[float, float]]) -> FloorSights:

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from calibration.drive import Drive, compose, relative
-from calibration.shelf.bundle import EdgeSight, Observed, same_pallets, solve
 from calibration.shelf.pallets import PalletSight
+from calibration.shelf.problem import EdgeSight, Observed, same_pallets, solve
 from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 
 CAMERA = np.array([0.3, -0.1])

@@ -12,7 +12,7 @@ from rich.progress import track
 
 from benchmarks.run_parts import FAR_BELOW, between, match_recording
 from benchmarks.tables import Column, Section, Value
-from palletloc.config import Method
+from palletloc.choices import Method
 from palletloc.evaluation.breakdown import spreads
 from palletloc.evaluation.run_match import ShotMatch, detection
 from palletloc.evaluation.statistics import Spread

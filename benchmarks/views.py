@@ -13,6 +13,7 @@ from scipy.spatial.transform import RigidTransform
 from benchmarks.run_parts import FAR_BELOW
 from benchmarks.scenes import DrawnScene
 from benchmarks.visibility import hidden_shares
+from palletloc.choices import CameraKind
 from palletloc.evaluation.pose_error import PoseError, TrueFace, from_measurements, true_faces
 from palletloc.evaluation.run_match import PAIRING_DISTANCE, match_shot
 from palletloc.geometry import Image
@@ -20,7 +21,6 @@ from palletloc.io.recording import Recording
 from palletloc.io.truth import TruePallet
 from palletloc.localizer import Explanation, Localizer
 from palletloc.offline import shelf_at
-from palletloc.synthetic.rig import CameraKind
 from palletloc.synthetic.simulation import Simulation
 
 MOST_HIDDEN = 0.5

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from palletloc.candidate import Candidate, ShotView
-from palletloc.config import Method
+from palletloc.choices import Method
 from palletloc.drawing.canvas import as_jpeg
 from palletloc.drawing.stages import Picture, shelf_pictures, step_pictures
 from palletloc.evaluation.pose_error import PalletEstimate

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from enum import StrEnum
 
 from palletloc.paper.horizontal_view import YawConfig
 from palletloc.paper.joint_search import JointSearchConfig
@@ -16,19 +15,6 @@ from palletloc.verification import VerificationConfig
 
 RANGE_SLACK = 1.2
 """How much farther than pallets that are looked for a start may be: it need not be where the pallet is."""
-
-
-class Method(StrEnum):
-    """How a pose is measured from where a pallet may stand."""
-
-    REFINED = "refined"
-    """Hypotheses scored in the image, then all edges of the face to a fraction of a pixel."""
-    HORIZONTAL_PLANE = "horizontal_plane"
-    """Yaw from the horizontal plane by sub-pixel lines, position by the sweep and the face's edges."""
-    PAPER = "paper"
-    """As the paper states it: the Hough transform's angle, and the sweep without any height prior."""
-    JOINT_SEARCH = "joint_search"
-    """The paper's baseline: yaw and distance searched jointly in the vertical projection."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palletloc.candidate import Candidate, Fit, Refusal
-from palletloc.config import LocalizerConfig, Method
+from palletloc.choices import Method
+from palletloc.config import LocalizerConfig
 from palletloc.detection import Detection, detect
 from palletloc.fitting import decide
 from palletloc.footprint import overlapping

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 from palletloc.baselines import measure_as_in_paper, measure_jointly, measure_on_planes
 from palletloc.candidate import Candidate, Fit, Refusal
-from palletloc.config import LocalizerConfig, Method
+from palletloc.choices import Method
+from palletloc.config import LocalizerConfig
 from palletloc.fitting import FitStart, decide, fit_from_starts
 from palletloc.geometry import LevelPose
 from palletloc.measurement import Reason, Stage, YawSource

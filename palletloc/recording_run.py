@@ -9,7 +9,8 @@ from pathlib import Path
 from time import perf_counter
 
 from palletloc.candidate import Fit
-from palletloc.config import LocalizerConfig, Method
+from palletloc.choices import Method
+from palletloc.config import LocalizerConfig
 from palletloc.errors import PalletLocError, nearest_name
 from palletloc.io.csv_table import read_rows, shortened
 from palletloc.io.measurements import NoPose

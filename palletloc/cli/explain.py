@@ -15,7 +15,8 @@ from rich.table import Table
 from rich.text import Text
 
 from palletloc.candidate import Refusal
-from palletloc.config import LocalizerConfig, Method
+from palletloc.choices import Method
+from palletloc.config import LocalizerConfig
 from palletloc.errors import PalletLocError
 from palletloc.explained import name_candidates
 from palletloc.io.config_file import read_config

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from palletloc.candidate import Fit, Refusal
-from palletloc.config import Method
+from palletloc.choices import Method
 from palletloc.drawing.canvas import as_jpeg
 from palletloc.drawing.stages import Picture, shelf_pictures, step_pictures
-from palletloc.evaluation.estimate import PalletEstimate
+from palletloc.evaluation.pose_error import PalletEstimate
 from palletloc.explained import Named, name_candidates
 from palletloc.io.recording import Recording, ShotError, ShotFile
 from palletloc.io.run_folder import STATUS

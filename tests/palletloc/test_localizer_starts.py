@@ -10,7 +10,8 @@ import pytest
 from palletloc.joint_search import JointSearchConfig
 
 from palletloc.candidate import ShotView
-from palletloc.config import LocalizerConfig, Method
+from palletloc.choices import Method
+from palletloc.config import LocalizerConfig
 from palletloc.geometry import FloatArray, LevelPose, level_pose, wrap_angle
 from palletloc.localizer import Localizer, Start
 from palletloc.measurement import Reason, Stage, YawSource

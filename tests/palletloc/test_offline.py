@@ -10,7 +10,8 @@ import pytest
 from palletloc.offline import Job, Outcome, ShotError, read_job, shelf_at, work_through
 
 from palletloc.candidate import Candidate
-from palletloc.config import LocalizerConfig, Method, PriorConfig
+from palletloc.choices import Method
+from palletloc.config import LocalizerConfig, PriorConfig
 from palletloc.geometry import LevelPose
 from palletloc.io.atomic import OutputError
 from palletloc.io.csv_table import TableError

@@ -17,7 +17,8 @@ from palletloc.yaw import YawVote
 from scipy.spatial.transform import RigidTransform
 
 from palletloc.candidate import Candidate, ShotView
-from palletloc.config import LocalizerConfig, Method
+from palletloc.choices import Method
+from palletloc.config import LocalizerConfig
 from palletloc.drawing.canvas import WIDTH_PX, png
 from palletloc.drawing.face_figure import face_figure
 from palletloc.drawing.paper_figures import horizontal_figure, sweep_figure, vote_stretches

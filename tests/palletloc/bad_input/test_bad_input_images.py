@@ -24,8 +24,9 @@ Faults = Callable[..., list[str]]
 Makes = Callable[..., Localizer]
 Check = Callable[..., None]
 
-FEW = settings(max_examples=4, deadline=None, derandomize=True, phases=[Phase.generate])
-MANY = settings(max_examples=16, deadline=None, phases=[Phase.generate])
+EXAMPLES = settings().max_examples
+FEW = settings(max_examples=EXAMPLES * 4 // 100, phases=[Phase.generate])
+MANY = settings(max_examples=EXAMPLES * 16 // 100, phases=[Phase.generate])
 heights = pytest.mark.parametrize("known", [True, False], ids=["level", "free"])
 AT_ANY_HEIGHT = pytest.param(
     False,

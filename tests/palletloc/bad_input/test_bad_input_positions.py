@@ -24,8 +24,9 @@ Faults = Callable[..., list[str]]
 Makes = Callable[..., Localizer]
 Check = Callable[[str, Image, bool], None]
 
-FEW = settings(max_examples=4, deadline=None, derandomize=True, phases=[Phase.generate])
-MANY = settings(max_examples=25, deadline=None, phases=[Phase.generate])
+EXAMPLES = settings().max_examples
+FEW = settings(max_examples=EXAMPLES * 4 // 100, phases=[Phase.generate])
+MANY = settings(max_examples=EXAMPLES * 25 // 100, phases=[Phase.generate])
 heights = pytest.mark.parametrize("known", [True, False], ids=["level", "free"])
 FLIPS = {"mirrored": (1, -1), "upside_down": (-1, 1), "half_turn": (-1, -1)}
 """Order of the rows and of the columns."""

@@ -25,9 +25,10 @@ Faults = Callable[..., list[str]]
 Makes = Callable[..., Localizer]
 Check = Callable[..., Explanation]
 
-FEW = settings(max_examples=6, deadline=None, derandomize=True, phases=[Phase.generate])
-SOME = settings(max_examples=12, deadline=None, derandomize=True, phases=[Phase.generate])
-MANY = settings(max_examples=60, deadline=None, phases=[Phase.generate])
+EXAMPLES = settings().max_examples
+FEW = settings(max_examples=EXAMPLES * 6 // 100, phases=[Phase.generate])
+SOME = settings(max_examples=EXAMPLES * 12 // 100, phases=[Phase.generate])
+MANY = settings(max_examples=EXAMPLES * 60 // 100, phases=[Phase.generate])
 heights = pytest.mark.parametrize("known", [True, False], ids=["level", "free"])
 
 names = st.sampled_from(["floor", "rack", "fisheye", "pinhole"])

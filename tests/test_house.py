@@ -4,10 +4,13 @@ import re
 import subprocess
 import sys
 import tomllib
+from itertools import chain
 from pathlib import Path
 
 import pytest
 import typer
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 import palletloc
 from palletloc.__main__ import COMMANDS, main
@@ -96,6 +99,8 @@ def test_the_readme_sets_up_and_tests_as_the_makefile_does() -> None:
     assert {"make demo", "make test"} <= set(lines)
     installs = [line for line in lines if "pip install" in line]
     assert installs
+    assert all("--constraint constraints.txt" in line for line in installs)
+    assert "CONSTRAINTS ?= constraints.txt" in makefile
     for extras in re.findall(r"\[([a-z,]+)\]", " ".join(installs)):
         assert re.search(rf"extras = {extras}$", makefile, re.MULTILINE)
     for line in lines:
@@ -179,3 +184,17 @@ def test_help_lists_every_command_and_imports_nothing_heavy() -> None:
 
 def test_version_is_the_packages() -> None:
     assert palletloc_program("--version").stdout == f"palletloc {palletloc.__version__}\n"
+
+
+def test_the_constraints_hold_a_version_within_the_bounds_for_every_dependency() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    declared = [*project["dependencies"], *chain(*project["optional-dependencies"].values())]
+    pinned = [Requirement(line) for line in (ROOT / "constraints.txt").read_text().splitlines() if line[:1] != "#"]
+    for python in ("3.11", "3.12", "3.13"):
+        versions = {
+            canonicalize_name(pin.name): next(iter(pin.specifier)).version
+            for pin in pinned
+            if pin.marker is None or pin.marker.evaluate({"python_version": python})
+        }
+        for needed in map(Requirement, declared):
+            assert versions[canonicalize_name(needed.name)] in needed.specifier, (python, needed.name)

@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palletloc.candidate import ShotView
 from palletloc.edge_fit import EdgeFit
 from palletloc.explained import EdgeFate, SearchAxes, account_edges, edge_name, name_candidates
 from palletloc.face import EdgeKind, EdgeShift, FaceEdge, face_lines
@@ -19,6 +18,7 @@ from palletloc.localizer import Localizer, Start
 from palletloc.pallet import Opening, PalletModel
 from palletloc.refinement.edges import MeasuredEdge, SeenFace
 from palletloc.shelf import ShelfPlane
+from palletloc.shot import Shot
 
 Placed = tuple[PalletModel, LevelPose]
 
@@ -136,21 +136,21 @@ def test_turns_and_factors_become_yaws_and_distances() -> None:
 
 
 def test_pallets_are_named_from_left_to_right(
-    floor_localizer: Callable[..., Localizer], floor_shot: ShotView, floor_pallets: tuple[Placed, ...]
+    floor_localizer: Callable[..., Localizer], floor_shot: Shot, floor_pallets: tuple[Placed, ...]
 ) -> None:
     # the shelf is to the left: what is nearer ahead is farther to the right
     (left, _), (right, _) = sorted(floor_pallets, key=lambda placed: placed[1].x)
     starts = [Start(model.name, pose) for model, pose in reversed(floor_pallets)]
-    explained = floor_localizer().explain_from(floor_shot.image, 0.0, starts, (0.0,))
+    explained = floor_localizer().explain_from(floor_shot, starts, (0.0,))
     named = dict(name_candidates(explained))
     assert (named["P1"].model.name, named["P2"].model.name) == (left.name, right.name)
 
 
 def test_what_was_given_up_has_names_of_its_own(
-    floor_localizer: Callable[..., Localizer], floor_shot: ShotView, t11: PalletModel
+    floor_localizer: Callable[..., Localizer], floor_shot: Shot, t11: PalletModel
 ) -> None:
     shelf = ShelfPlane(1.0, 2.0, np.radians(-90.0), (0.0,))
-    explained = floor_localizer(models=[t11]).explain(floor_shot.image, 1.5, shelf)
+    explained = floor_localizer(models=[t11]).explain(floor_shot, shelf)
     named = name_candidates(explained)
     assert len(named) == len(explained.candidates) == len({name for name, _ in named})
     for name, candidate in named:

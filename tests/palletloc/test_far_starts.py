@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palletloc.candidate import ShotView
 from palletloc.geometry import LevelPose
 from palletloc.localizer import Localizer, Start
 from palletloc.pallet import PalletModel
+from palletloc.shot import Shot
 
 Placed = tuple[PalletModel, LevelPose]
 
@@ -20,7 +20,7 @@ def test_a_start_far_off_along_the_viewing_ray_leads_to_the_pallet(
     along_ray: float,
     index: int,
     floor_localizer: Callable[..., Localizer],
-    floor_shot: ShotView,
+    floor_shot: Shot,
     floor_pallets: tuple[Placed, ...],
 ) -> None:
     model, pose = floor_pallets[index]
@@ -28,7 +28,7 @@ def test_a_start_far_off_along_the_viewing_ray_leads_to_the_pallet(
     ray = pose.as_array()[:3] - center
     x, y, _ = center + ray * (1 + along_ray / np.linalg.norm(ray))
     start = replace(pose, x=float(x), y=float(y), yaw=pose.yaw + np.radians(2.0))
-    (found,) = floor_localizer().localize_from(floor_shot.image, 0.0, [Start(model.name, start)], (0.0,))
+    (found,) = floor_localizer().localize_from(floor_shot, [Start(model.name, start)], (0.0,))
     assert found is not None
     error = np.abs(found.forklift_from_pallet.as_array() - pose.as_array())
     assert error[:3].max() < 0.03

@@ -5,23 +5,24 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from palletloc.attempts import keep_best
 from palletloc.level_check import LevelCheck, check_level, range_doubt
-from palletloc.refinement.alignment import fit_face
 
-from palletloc.candidate import Candidate, ShotView
+from palletloc.candidate import Candidate, Fit, Refusal
 from palletloc.config import LocalizerConfig
+from palletloc.fitting import keep_best
 from palletloc.geometry import LevelPose
 from palletloc.measurement import HeightPrior, Reason
 from palletloc.pallet import PalletModel
+from palletloc.refinement.face_fit import fit_face
 from palletloc.refinement.patch import FacePatch, view_patch
+from palletloc.shot import Shot
 
 POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
 CONFIG = LocalizerConfig()
-Portrait = Callable[..., ShotView]
+Portrait = Callable[..., Shot]
 
 
-def slid(shot: ShotView, pose: LevelPose, height: float) -> LevelPose:
+def slid(shot: Shot, pose: LevelPose, height: float) -> LevelPose:
     """Return a pose on another height that appears at the same place in the image."""
     center = shot.mounting.center
     factor = (height - center[2]) / (pose.z - center[2])
@@ -29,19 +30,19 @@ def slid(shot: ShotView, pose: LevelPose, height: float) -> LevelPose:
     return LevelPose(float(x), float(y), height, pose.yaw)
 
 
-def on_level(shot: ShotView, model: PalletModel, level: float) -> Candidate:
+def on_level(shot: Shot, model: PalletModel, level: float) -> Candidate:
     """Return a candidate fitted on a level."""
     candidate = Candidate(model, POSE, HeightPrior(level, 0.003))
     start, spread = slid(shot, POSE, level), float(np.radians(5.0))
     assert candidate.height is not None
-    camera = shot.projector.camera
+    camera = shot.camera
     face = fit_face(camera, shot.image, shot.mounting, start, model, candidate.height, None, spread, CONFIG.face_fit)
     assert not isinstance(face, Reason)
     candidate.face, candidate.pose, candidate.covariance = face, face.forklift_from_pallet, face.covariance
     return candidate
 
 
-def checked(shot: ShotView, model: PalletModel, level: float) -> LevelCheck:
+def checked(shot: Shot, model: PalletModel, level: float) -> LevelCheck:
     found = check_level(shot, on_level(shot, model, level), CONFIG)
     assert found is not None
     return found
@@ -86,7 +87,7 @@ def test_only_what_the_height_tells_contradicts_the_level(off: float, wrong: flo
 def test_a_contradicted_level_is_the_reason(off: float, portrait: Portrait, epal: PalletModel) -> None:
     shot = portrait(epal, POSE)
     start = slid(shot, POSE, off)
-    patch = view_patch(shot.projector, shot.image, shot.camera_from_forklift, start, (-0.75, 0.75, -0.1, 0.3), 0.005)
+    patch = view_patch(shot, start, (-0.75, 0.75, -0.1, 0.3), 0.005)
     assert isinstance(patch, FacePatch)
     candidate = Candidate(epal, start, HeightPrior(off, 0.003))
     keep_best(shot, candidate, [(start, patch)], lambda _, pose: pose, False, CONFIG)

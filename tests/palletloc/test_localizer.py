@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
-from palletloc.candidate import Candidate, ShotView
+from palletloc.candidate import Candidate, Fit, Refusal
 from palletloc.geometry import FloatArray, Image, LevelPose, wrap_angle
 from palletloc.localizer import Localizer, measurement_of
 from palletloc.measurement import PalletMeasurement, Reason, Stage
 from palletloc.pallet import PalletModel
 from palletloc.shelf import ShelfPlane
 from palletloc.shelf_view import ShelfPlaneError
+from palletloc.shot import Shot
 from palletloc.verification import overlapping
 
 SHELF = ShelfPlane(1.3, 2.02, -np.pi / 2 + 0.01, (0.0,))
@@ -22,9 +23,9 @@ Makes = Callable[..., Localizer]
 
 
 @pytest.fixture(scope="module")
-def straight(floor_localizer: Makes, floor_shot: ShotView) -> list[PalletMeasurement]:
+def straight(floor_localizer: Makes, floor_shot: Shot) -> list[PalletMeasurement]:
     """Return what the shot of the floor gives."""
-    return floor_localizer().localize(floor_shot.image, 1.5, SHELF, "a.jpg")
+    return floor_localizer().localize(floor_shot, SHELF, "a.jpg")
 
 
 def values(found: Sequence[PalletMeasurement | None]) -> list[tuple[object, ...]]:
@@ -71,9 +72,9 @@ def test_every_pallet_is_found_once_with_its_model_where_it_is(
 
 
 def test_without_levels_pallets_are_found_where_their_uprights_confirm_the_range(
-    floor_localizer: Makes, floor_shot: ShotView, floor_pallets: tuple[Placed, ...]
+    floor_localizer: Makes, floor_shot: Shot, floor_pallets: tuple[Placed, ...]
 ) -> None:
-    explained = floor_localizer().explain(floor_shot.image, 0.0, replace(SHELF, levels=()))
+    explained = floor_localizer().explain(floor_shot, replace(SHELF, levels=()))
     (plain, pose), (rounded, _) = floor_pallets
     (found,) = explained.measurements
     error = apart(found.forklift_from_pallet, pose)
@@ -85,9 +86,9 @@ def test_without_levels_pallets_are_found_where_their_uprights_confirm_the_range
 
 
 def test_localize_returns_what_explain_explains(
-    floor_localizer: Makes, floor_shot: ShotView, straight: list[PalletMeasurement]
+    floor_localizer: Makes, floor_shot: Shot, straight: list[PalletMeasurement]
 ) -> None:
-    explained = floor_localizer().explain(floor_shot.image, 1.5, SHELF, "a.jpg")
+    explained = floor_localizer().explain(floor_shot, SHELF, "a.jpg")
     assert values(straight) == values(explained.measurements)
     assert len(explained.detections) == len(explained.candidates)
     assert len(explained.measurements) + len(explained.refusals) == len(explained.candidates)
@@ -95,23 +96,23 @@ def test_localize_returns_what_explain_explains(
 
 
 def test_the_same_shot_gives_the_same_result_whatever_came_before(
-    floor_localizer: Makes, floor_shot: ShotView, blank_shot: ShotView, straight: list[PalletMeasurement]
+    floor_localizer: Makes, floor_shot: Shot, blank_shot: Shot, straight: list[PalletMeasurement]
 ) -> None:
     one = floor_localizer()
-    one.localize(blank_shot.image, 0.0, replace(SHELF, y=2.3))
+    one.localize(blank_shot, replace(SHELF, y=2.3))
     for _ in range(2):
-        assert values(one.localize(floor_shot.image, 1.5, SHELF, "a.jpg")) == values(straight)
+        assert values(one.localize(floor_shot, SHELF, "a.jpg")) == values(straight)
 
 
 def test_the_mirrored_scene_gives_the_mirrored_result(
-    floor_localizer: Makes, floor_shot: ShotView, straight: list[PalletMeasurement]
+    floor_localizer: Makes, floor_shot: Shot, straight: list[PalletMeasurement]
 ) -> None:
     mirror = np.diag([1.0, -1.0, 1.0, 1.0])
     matrix = mirror @ floor_shot.mounting.forklift_from_camera.as_matrix() @ mirror
     mounting = replace(floor_shot.mounting, forklift_from_camera=RigidTransform.from_matrix(matrix))
     image = np.ascontiguousarray(floor_shot.image[:, ::-1])
     shelf = replace(SHELF, y=-SHELF.y, facing=-SHELF.facing)
-    right = floor_localizer(mounting=mounting).localize(image, 0.0, shelf)
+    right = floor_localizer(mounting=mounting).localize(replace(shot, image=image), shelf)
     signs = np.array([1.0, -1.0, 1.0, -1.0])
     mirrored = [
         replace(
@@ -133,27 +134,27 @@ def test_the_mirrored_scene_gives_the_mirrored_result(
 def test_a_camera_turned_about_its_axis_gives_the_same_result_even_at_the_seam(
     at_the_seam: int,
     floor_localizer: Makes,
-    floor_shot: ShotView,
+    floor_shot: Shot,
     floor_pallets: tuple[Placed, ...],
     straight: list[PalletMeasurement],
 ) -> None:
-    camera, pose = floor_shot.projector.camera, floor_pallets[at_the_seam][1]
-    seen = camera.project(floor_shot.camera_from_forklift.apply([pose.x, pose.y, pose.z]))
+    camera, pose = floor_shot.camera, floor_pallets[at_the_seam][1]
+    seen = camera.project(floor_shot.mounting.to_camera.apply([pose.x, pose.y, pose.z]))
     columns = camera.width - round(float(seen.pixels[0]))
     turn = LevelPose(0.0, 0.0, 0.0, 2 * np.pi * columns / camera.width).transform()
     mounting = replace(floor_shot.mounting, forklift_from_camera=floor_shot.mounting.forklift_from_camera * turn)
     image = np.roll(floor_shot.image, columns, axis=1)
-    turned = floor_localizer(mounting=mounting).localize(image, 0.0, SHELF)
+    turned = floor_localizer(mounting=mounting).localize(replace(shot, image=image), SHELF)
     same_poses(turned, straight, 1.0)
 
 
 @pytest.mark.parametrize("light", ["half", "gray"])
 def test_half_the_light_or_no_colour_gives_nearly_the_same_poses(
-    light: str, floor_localizer: Makes, floor_shot: ShotView, straight: list[PalletMeasurement]
+    light: str, floor_localizer: Makes, floor_shot: Shot, straight: list[PalletMeasurement]
 ) -> None:
     gray = np.asarray(floor_shot.image.mean(axis=2), dtype=np.uint8)
     image = gray if light == "gray" else floor_shot.image // 2
-    same_poses(floor_localizer().localize(image, 0.0, SHELF), straight, 2.0)
+    same_poses(floor_localizer().localize(replace(shot, image=image), SHELF), straight, 2.0)
 
 
 @pytest.mark.parametrize(
@@ -161,7 +162,7 @@ def test_half_the_light_or_no_colour_gives_nearly_the_same_poses(
     [("gray", (0.0,)), ("black", (0.0,)), ("white", (0.0,)), ("noise", (0.0, 1.5)), ("noise", ())],
 )
 def test_an_image_without_pallets_gives_no_row(
-    fill: str, levels: tuple[float, ...], floor_localizer: Makes, blank_shot: ShotView
+    fill: str, levels: tuple[float, ...], floor_localizer: Makes, blank_shot: Shot
 ) -> None:
     shape = blank_shot.image.shape
     image: Image = {
@@ -170,14 +171,14 @@ def test_an_image_without_pallets_gives_no_row(
         "white": np.full(shape, 255, np.uint8),
         "noise": np.random.default_rng(0).integers(0, 256, shape, dtype=np.uint8),
     }[fill]
-    explained = floor_localizer().explain(image, 0.0, replace(SHELF, levels=levels))
+    explained = floor_localizer().explain(replace(shot, image=image), replace(SHELF, levels=levels))
     assert explained.measurements == []
     assert len(explained.refusals) == len(explained.candidates)
 
 
-def test_an_empty_floor_gives_no_row(floor_localizer: Makes, floor_shot: ShotView) -> None:
+def test_an_empty_floor_gives_no_row(floor_localizer: Makes, floor_shot: Shot) -> None:
     across = ShelfPlane(1.3, -2.0, np.pi / 2, (0.0,))
-    assert floor_localizer().localize(floor_shot.image, 0.0, across) == []
+    assert floor_localizer().localize(floor_shot, across) == []
 
 
 @pytest.mark.parametrize(
@@ -186,23 +187,23 @@ def test_an_empty_floor_gives_no_row(floor_localizer: Makes, floor_shot: ShotVie
     ids=["facing_away", "behind", "through"],
 )
 def test_a_shelf_that_the_camera_is_not_before_is_an_error(
-    shelf: ShelfPlane, floor_localizer: Makes, floor_shot: ShotView
+    shelf: ShelfPlane, floor_localizer: Makes, floor_shot: Shot
 ) -> None:
     with pytest.raises(ShelfPlaneError, match="shelf: the camera is"):
-        floor_localizer().localize(floor_shot.image, 0.0, shelf)
+        floor_localizer().localize(floor_shot, shelf)
 
 
-def test_a_localizer_needs_a_pallet_and_images_of_its_camera(floor_localizer: Makes, floor_shot: ShotView) -> None:
+def test_a_localizer_needs_a_pallet_and_images_of_its_camera(floor_localizer: Makes, floor_shot: Shot) -> None:
     with pytest.raises(ValueError, match="at least one pallet model"):
         floor_localizer(models=())
     with pytest.raises(ValueError, match="images of 1920 x 960 pixels"):
         floor_localizer().localize(floor_shot.image[:, :-2], 0.0, SHELF)
 
 
-def test_no_two_rows_of_a_shot_overlap(floor_localizer: Makes, floor_shot: ShotView, t11: PalletModel) -> None:
+def test_no_two_rows_of_a_shot_overlap(floor_localizer: Makes, floor_shot: Shot, t11: PalletModel) -> None:
     alike = replace(t11, name="t11-too", width=1.12)
     models = (*floor_localizer().models.values(), alike)
-    found = floor_localizer(models=models).explain(floor_shot.image, 0.0, SHELF)
+    found = floor_localizer(models=models).explain(floor_shot, SHELF)
     kept = [one for one in found.candidates if measurement_of(one, 0.0, "") is not None]
     assert len(kept) == 2
     for i, one in enumerate(kept):

@@ -7,15 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from palletloc.joint_search import JointSearchConfig
 
-from palletloc.candidate import ShotView
 from palletloc.choices import Method
 from palletloc.config import LocalizerConfig
 from palletloc.geometry import FloatArray, LevelPose, level_pose, wrap_angle
 from palletloc.localizer import Localizer, Start
 from palletloc.measurement import Reason, Stage, YawSource
 from palletloc.pallet import PalletModel
+from palletloc.paper.joint_search import JointSearchConfig
+from palletloc.shot import Shot
 
 COARSE = replace(LocalizerConfig(), joint_search=JointSearchConfig(turns=9, depths=9))
 Placed = tuple[PalletModel, LevelPose]
@@ -30,10 +30,10 @@ def apart(one: LevelPose, other: LevelPose) -> FloatArray:
 
 @pytest.mark.parametrize("method", Method)
 def test_all_methods_give_results_of_one_form(
-    method: Method, floor_localizer: Makes, floor_shot: ShotView, floor_pallets: tuple[Placed, ...]
+    method: Method, floor_localizer: Makes, floor_shot: Shot, floor_pallets: tuple[Placed, ...]
 ) -> None:
     starts = [Start(model.name, pose) for model, pose in floor_pallets]
-    explained = floor_localizer(method, config=COARSE).explain_from(floor_shot.image, 3.0, starts, (0.0,), "c.jpg")
+    explained = floor_localizer(method, config=COARSE).explain_from(floor_shot, starts, (0.0,), "c.jpg")
     assert [candidate.model.name for candidate in explained.candidates] == [start.model for start in starts]
     assert len(explained.measurements) + len(explained.refusals) == len(starts)
     assert explained.measurements
@@ -67,12 +67,12 @@ def test_a_start_that_cannot_be_used_is_refused(
     broken: dict[str, float],
     reason: Reason,
     floor_localizer: Makes,
-    floor_shot: ShotView,
+    floor_shot: Shot,
     floor_pallets: tuple[Placed, ...],
 ) -> None:
     model, pose = floor_pallets[0]
     explained = floor_localizer(method, config=COARSE).explain_from(
-        floor_shot.image, 0.0, [Start(model.name, replace(pose, **broken))]
+        floor_shot, [Start(model.name, replace(pose, **broken))]
     )
     assert [one.reason for one in explained.refusals] == [reason]
     assert explained.measurements == []
@@ -80,17 +80,17 @@ def test_a_start_that_cannot_be_used_is_refused(
 
 @pytest.mark.parametrize("above", [0.1442, 0.1440001, 0.05])
 def test_a_start_right_before_the_camera_is_refused(
-    above: float, floor_localizer: Makes, floor_shot: ShotView, t11: PalletModel
+    above: float, floor_localizer: Makes, floor_shot: Shot, t11: PalletModel
 ) -> None:
     x, y, z = floor_shot.mounting.center.tolist()
     start = Start(t11.name, LevelPose(x, y + 0.4, z - above, np.pi / 2))
-    explained = floor_localizer().explain_from(floor_shot.image, 0.0, [start])
+    explained = floor_localizer().explain_from(floor_shot, [start])
     assert explained.measurements == []
     assert len(explained.refusals) == 1
 
 
 def test_given_starts_are_answered_one_by_one_in_order(
-    floor_localizer: Makes, floor_shot: ShotView, floor_pallets: tuple[Placed, ...]
+    floor_localizer: Makes, floor_shot: Shot, floor_pallets: tuple[Placed, ...]
 ) -> None:
     (wood, near), (plastic, far) = floor_pallets
     lost = LevelPose(np.nan, 2.0, 0.0, np.pi / 2)
@@ -101,14 +101,14 @@ def test_given_starts_are_answered_one_by_one_in_order(
         Start(wood.name, near),
         Start(wood.name, near),
     ]
-    found = floor_localizer().localize_from(floor_shot.image, 0.0, starts, (0.0,))
+    found = floor_localizer().localize_from(floor_shot, starts, (0.0,))
     assert [None if one is None else one.model for one in found] == [plastic.name, None, None, wood.name, wood.name]
     first, second = found[3:]
     assert first is not None
     assert second is not None
     assert first.forklift_from_pallet == second.forklift_from_pallet
     np.testing.assert_array_equal(first.covariance, second.covariance)
-    explained = floor_localizer().explain_from(floor_shot.image, 0.0, starts, (0.0,))
+    explained = floor_localizer().explain_from(floor_shot, starts, (0.0,))
     assert [(one.model, one.stage, one.reason) for one in explained.refusals] == [
         ("no-such-pallet", Stage.START, Reason.UNKNOWN_MODEL),
         (wood.name, Stage.START, Reason.NOT_FINITE),
@@ -116,14 +116,14 @@ def test_given_starts_are_answered_one_by_one_in_order(
 
 
 def test_starts_apart_lead_to_the_same_pallet(
-    floor_localizer: Makes, floor_shot: ShotView, floor_pallets: tuple[Placed, ...]
+    floor_localizer: Makes, floor_shot: Shot, floor_pallets: tuple[Placed, ...]
 ) -> None:
     for model, pose in floor_pallets:
         starts = [
             Start(model.name, LevelPose(pose.x + dx, pose.y + dy, pose.z, pose.yaw + turn))
             for dx, dy, turn in ((0.0, 0.0, 0.0), (0.04, 0.03, 0.03), (-0.03, -0.04, -0.05), (0.0, 0.06, 0.04))
         ]
-        found = floor_localizer().localize_from(floor_shot.image, 0.0, starts, (0.0,))
+        found = floor_localizer().localize_from(floor_shot, starts, (0.0,))
         assert None not in found
         poses = np.array([one.forklift_from_pallet.as_array() for one in found if one is not None])
         sigma = np.sqrt(np.max([np.diag(one.covariance) for one in found if one is not None], axis=0))
@@ -131,7 +131,7 @@ def test_starts_apart_lead_to_the_same_pallet(
 
 
 def test_another_place_of_the_forklift_frame_moves_everything_with_it(
-    floor_localizer: Makes, floor_shot: ShotView, floor_pallets: tuple[Placed, ...]
+    floor_localizer: Makes, floor_shot: Shot, floor_pallets: tuple[Placed, ...]
 ) -> None:
     moved = LevelPose(0.7, -1.1, 0.0, 0.6)  # new frame from old
     mounting = replace(
@@ -139,8 +139,8 @@ def test_another_place_of_the_forklift_frame_moves_everything_with_it(
     )
     starts = [Start(model.name, pose) for model, pose in floor_pallets]
     there = [Start(s.model, level_pose(moved.transform() * s.forklift_from_pallet.transform())) for s in starts]
-    before = floor_localizer().localize_from(floor_shot.image, 0.0, starts, (0.0,))
-    after = floor_localizer(mounting=mounting).localize_from(floor_shot.image, 0.0, there, (0.0,))
+    before = floor_localizer().localize_from(floor_shot, starts, (0.0,))
+    after = floor_localizer(mounting=mounting).localize_from(floor_shot, there, (0.0,))
     turn = np.eye(4)
     turn[:2, :2] = moved.matrix()[:2, :2]
     for one, other in zip(after, before, strict=True):

@@ -8,18 +8,18 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pytest
 
-from palletloc.candidate import ShotView
 from palletloc.choices import CameraKind, Method
 from palletloc.geometry import LevelPose, wrap_angle
 from palletloc.localizer import METHODS, Explanation, Localizer
 from palletloc.measurement import PalletMeasurement
 from palletloc.pallet import PalletModel
 from palletloc.shelf import ShelfPlane
+from palletloc.shot import Shot
 from palletloc.synthetic.rig import camera_of
 
 Placed = tuple[PalletModel, LevelPose]
-Scene = tuple[ShotView, tuple[Placed, ...], ShelfPlane]
-Photograph = Callable[..., ShotView]
+Scene = tuple[Shot, tuple[Placed, ...], ShelfPlane]
+Photograph = Callable[..., Shot]
 
 RIGHT = -np.pi / 2
 """Heading into a shelf on the right."""
@@ -73,8 +73,8 @@ def faults() -> Callable[[Explanation, Sequence[Placed]], list[str]]:
 def localizer(method: Method) -> Callable[..., Localizer]:
     """Return a function that makes a localizer for a shot and the pallets in it."""
 
-    def made(shot: ShotView, pallets: Sequence[Placed]) -> Localizer:
-        return Localizer(shot.projector.camera, shot.mounting, [model for model, _ in pallets], method)
+    def made(shot: Shot, pallets: Sequence[Placed]) -> Localizer:
+        return Localizer([model for model, _ in pallets], method)
 
     return made
 
@@ -91,9 +91,9 @@ def right_pallets(epal: PalletModel, t11: PalletModel) -> tuple[Placed, ...]:
 @pytest.fixture(scope="session")
 def scenes(
     photograph: Photograph,
-    floor_shot: ShotView,
+    floor_shot: Shot,
     floor_pallets: tuple[Placed, ...],
-    rack_shot: ShotView,
+    rack_shot: Shot,
     rack_pallets: tuple[Placed, ...],
     right_pallets: tuple[Placed, ...],
 ) -> Callable[[str], Scene]:

@@ -11,15 +11,15 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from palletloc.candidate import ShotView
 from palletloc.choices import Method
 from palletloc.geometry import Image, LevelPose
 from palletloc.localizer import Explanation, Localizer, Start
 from palletloc.pallet import PalletModel
 from palletloc.shelf import ShelfPlane
+from palletloc.shot import Shot
 
 Placed = tuple[PalletModel, LevelPose]
-Scene = tuple[ShotView, tuple[Placed, ...], ShelfPlane]
+Scene = tuple[Shot, tuple[Placed, ...], ShelfPlane]
 Scenes = Callable[[str], Scene]
 Faults = Callable[..., list[str]]
 Makes = Callable[..., Localizer]
@@ -73,8 +73,8 @@ def looked_at(found: Localizer, image: Image, scene: Scene, known: bool = True) 
     levels = shelf.levels if known else ()
     starts = [Start(model.name, pose) for model, pose in pallets]
     return [
-        found.explain(image, 0.0, replace(shelf, levels=levels)),
-        found.explain_from(image, 0.0, starts, levels),
+        found.explain(replace(shot, image=image), replace(shelf, levels=levels)),
+        found.explain_from(replace(shot, image=image), starts, levels),
     ]
 
 

@@ -8,15 +8,16 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from palletloc.exclusivity import challenge, exclude_overlaps
-from palletloc.refined import measure_refined
 
-from palletloc.candidate import Candidate, ShotView
+from palletloc.candidate import Candidate, Fit, Refusal
 from palletloc.config import LocalizerConfig
 from palletloc.geometry import LevelPose
 from palletloc.localizer import Localizer, Start
 from palletloc.measurement import HeightPrior, Reason, Stage
+from palletloc.methods import measure_refined
+from palletloc.overlap import challenge, exclude_overlaps
 from palletloc.pallet import PalletModel
+from palletloc.shot import Shot
 from palletloc.verification import (
     SCORE,
     USUAL_CONTRAST,
@@ -29,7 +30,7 @@ from palletloc.verification import (
 
 CONFIG = LocalizerConfig()
 POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
-Portrait = Callable[..., ShotView]
+Portrait = Callable[..., Shot]
 
 
 def candidate(model: PalletModel, x: float, score: float) -> Candidate:
@@ -60,7 +61,7 @@ def test_the_wrong_model_does_not_keep_the_place_of_the_right_one(epal: PalletMo
     assert right.refusal is None
 
 
-def seen_as(shot: ShotView, model: PalletModel, other: PalletModel) -> LevelPose:
+def seen_as(shot: Shot, model: PalletModel, other: PalletModel) -> LevelPose:
     """Return where another model would look as wide as one at `POSE`."""
     center = shot.mounting.center
     place = center + other.width / model.width * (np.array([POSE.x, POSE.y, POSE.z]) - center)
@@ -74,9 +75,9 @@ def test_at_any_height_a_model_gives_way_to_the_one_that_stands_there(
 ) -> None:
     model, other = (request.getfixturevalue(name) for name in names)
     shot = portrait(model, POSE)
-    found = Localizer(shot.projector.camera, shot.mounting, [model, other])
+    found = Localizer([model, other])
     starts = [Start(other.name, seen_as(shot, model, other)), Start(model.name, POSE)]
-    wrong, right = found.explain_from(shot.image, 0.0, starts).candidates
+    wrong, right = found.explain_from(shot, starts).candidates
     assert wrong.refusal is not None
     assert right.refusal is None
     assert right.pose is not None
@@ -86,7 +87,7 @@ def test_at_any_height_a_model_gives_way_to_the_one_that_stands_there(
 def test_a_model_that_looks_alike_is_no_contradiction(portrait: Portrait, t11: PalletModel) -> None:
     shot, alike = portrait(t11, POSE), replace(t11, name="alike", width=t11.width + 0.002)
     alone, beside = (
-        Localizer(shot.projector.camera, shot.mounting, models).localize_from(shot.image, 0.0, [Start("t11", POSE)])[
+        Localizer(models).localize_from(shot, [Start("t11", POSE)])[
             0
         ]
         for models in ([t11], [t11, alike])

@@ -6,19 +6,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-from palletloc.refined import measure_refined
-from palletloc.refinement.agreement import LevelYaw, level_yaw
-from palletloc.refinement.alignment import FaceEstimate, fit_face
 
 from palletloc import attempts
-from palletloc.candidate import Candidate, ShotView
+from palletloc.candidate import Candidate, Fit, Refusal
 from palletloc.config import LocalizerConfig
 from palletloc.edge_fit import EdgeFit
 from palletloc.face import EdgeKind, FaceEdge, FaceLine, edge_shift, face_lines
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.measurement import HeightPrior, Reason, Stage
+from palletloc.methods import measure_refined
 from palletloc.pallet import PalletModel
 from palletloc.refinement.edges import MeasuredEdge, SeenFace
+from palletloc.refinement.face_fit import FaceEstimate, fit_face
+from palletloc.refinement.level_lines import LevelYaw, level_yaw
+from palletloc.shot import Shot
 
 POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
 ABOVE, BELOW = (-0.6, 1.8, 2.1), (0.4, -1.1, 2.1)
@@ -141,7 +142,7 @@ def test_the_upper_edge_has_no_say_where_a_load_may_begin_there(epal: PalletMode
 @pytest.mark.parametrize("name", ["epal", "t11", "open_below"])
 @pytest.mark.parametrize("turn", [0.0, -0.1])
 def test_on_a_pallet_on_the_floor_the_lines_agree_with_the_truth(
-    name: str, turn: float, portrait: Callable[..., ShotView], request: pytest.FixtureRequest
+    name: str, turn: float, portrait: Callable[..., Shot], request: pytest.FixtureRequest
 ) -> None:
     model: PalletModel = request.getfixturevalue(name)
     pose = replace(POSE, yaw=POSE.yaw + turn)
@@ -158,7 +159,7 @@ def test_on_a_pallet_on_the_floor_the_lines_agree_with_the_truth(
 def verified(
     turn_deg: float,
     sigma_deg: float,
-    portrait: Callable[..., ShotView],
+    portrait: Callable[..., Shot],
     model: PalletModel,
     monkeypatch: pytest.MonkeyPatch,
 ) -> Candidate:
@@ -187,7 +188,7 @@ def grown(found: Candidate) -> FloatArray:
 def test_lines_that_agree_change_nothing(
     turn_deg: float,
     sigma_deg: float,
-    portrait: Callable[..., ShotView],
+    portrait: Callable[..., Shot],
     t11: PalletModel,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -200,7 +201,7 @@ def test_lines_that_agree_change_nothing(
 def test_lines_that_disagree_make_the_yaw_as_uncertain_as_they_are_apart(
     turn_deg: float,
     sigma_deg: float,
-    portrait: Callable[..., ShotView],
+    portrait: Callable[..., Shot],
     t11: PalletModel,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -215,7 +216,7 @@ def test_lines_that_disagree_make_the_yaw_as_uncertain_as_they_are_apart(
 def test_a_pose_is_refused_whose_lines_clearly_disagree(
     turn_deg: float,
     sigma_deg: float,
-    portrait: Callable[..., ShotView],
+    portrait: Callable[..., Shot],
     t11: PalletModel,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -224,7 +225,7 @@ def test_a_pose_is_refused_whose_lines_clearly_disagree(
 
 
 def test_a_pose_whose_lines_are_far_apart_but_unsure_is_too_uncertain(
-    portrait: Callable[..., ShotView], t11: PalletModel, monkeypatch: pytest.MonkeyPatch
+    portrait: Callable[..., Shot], t11: PalletModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     found = verified(3.0, 1.0, portrait, t11, monkeypatch)
     assert found.refusal == (Stage.VERIFICATION, Reason.UNCERTAIN)

@@ -6,16 +6,17 @@ from typing import cast
 
 import numpy as np
 import pytest
-from palletloc.attempts import keep_best
-from palletloc.horizontal_view import HorizontalView
 
 from palletloc.cameras import Pinhole
-from palletloc.candidate import Candidate, ShotView
+from palletloc.candidate import Candidate, Fit, Refusal
 from palletloc.config import LocalizerConfig
+from palletloc.fitting import keep_best
 from palletloc.geometry import LevelPose
 from palletloc.measurement import HeightPrior, Reason, Stage
 from palletloc.pallet import PalletModel
+from palletloc.paper.horizontal_view import HorizontalView
 from palletloc.refinement.patch import FacePatch, view_patch
+from palletloc.shot import Shot
 
 FLOOR = HeightPrior(0.0, 0.003)
 CONFIG = LocalizerConfig()
@@ -33,18 +34,18 @@ Starts = list[tuple[LevelPose, FacePatch]]
 
 
 @pytest.fixture(scope="module")
-def pair(photograph: Callable[..., ShotView], t11: PalletModel) -> ShotView:
+def pair(photograph: Callable[..., Shot], t11: PalletModel) -> Shot:
     """Return a picture of two pallets that are alike, side by side."""
     camera = Pinhole(1400, 420, 860.0, 860.0, 699.5, 209.5)
     return photograph(((t11, LEFT), (t11, RIGHT)), camera, (*CENTER, 90.0, 31.5, 0.5))
 
 
-def with_views(shot: ShotView, poses: Sequence[LevelPose]) -> Starts:
+def with_views(shot: Shot, poses: Sequence[LevelPose]) -> Starts:
     """Starts with views of their surroundings."""
     starts = []
     for pose in poses:
         patch = view_patch(
-            shot.projector, shot.image, shot.camera_from_forklift, pose, (-0.75, 0.75, -0.1, 0.3), 0.005
+            shot, pose, (-0.75, 0.75, -0.1, 0.3), 0.005
         )
         assert isinstance(patch, FacePatch)
         starts.append((pose, patch))
@@ -52,7 +53,7 @@ def with_views(shot: ShotView, poses: Sequence[LevelPose]) -> Starts:
 
 
 def kept(
-    shot: ShotView,
+    shot: Shot,
     model: PalletModel,
     poses: Sequence[LevelPose],
     weak: bool = False,
@@ -69,14 +70,14 @@ def near(candidate: Candidate, truth: LevelPose) -> bool:
     return candidate.pose is not None and bool(np.abs(candidate.pose.as_array() - truth.as_array()).max() < 0.03)
 
 
-def test_no_start_is_refused(pair: ShotView, t11: PalletModel) -> None:
+def test_no_start_is_refused(pair: Shot, t11: PalletModel) -> None:
     found = kept(pair, t11, [])
     assert found.refusal == (Stage.VERIFICATION, Reason.LOW_CONTRAST)
     assert found.pose is None
     assert found.covariance is None
 
 
-def test_starts_that_show_no_pallet_at_a_glance_are_not_fitted(pair: ShotView, t11: PalletModel) -> None:
+def test_starts_that_show_no_pallet_at_a_glance_are_not_fitted(pair: Shot, t11: PalletModel) -> None:
     called: list[LevelPose] = []
 
     def prepare(_: Candidate, start: LevelPose) -> LevelPose:
@@ -92,7 +93,7 @@ def test_starts_that_show_no_pallet_at_a_glance_are_not_fitted(pair: ShotView, t
 
 
 @pytest.mark.parametrize("truth", [LEFT, RIGHT], ids=["left", "right"])
-def test_a_good_start_leads_to_its_pallet(truth: LevelPose, pair: ShotView, t11: PalletModel) -> None:
+def test_a_good_start_leads_to_its_pallet(truth: LevelPose, pair: Shot, t11: PalletModel) -> None:
     found = kept(pair, t11, [replace(truth, x=truth.x + 0.005)])
     assert found.refusal is None
     assert near(found, truth)
@@ -101,7 +102,7 @@ def test_a_good_start_leads_to_its_pallet(truth: LevelPose, pair: ShotView, t11:
     assert found.pose == found.face.forklift_from_pallet
 
 
-def test_the_first_that_leaves_no_doubt_ends_the_search(pair: ShotView, t11: PalletModel) -> None:
+def test_the_first_that_leaves_no_doubt_ends_the_search(pair: Shot, t11: PalletModel) -> None:
     tried: list[LevelPose] = []
 
     def prepare(_: Candidate, start: LevelPose) -> LevelPose:
@@ -117,7 +118,7 @@ def test_the_first_that_leaves_no_doubt_ends_the_search(pair: ShotView, t11: Pal
         assert tried == ([LEFT, RIGHT] if weak else [LEFT])
 
 
-def test_a_pallet_beyond_doubt_ends_the_search_where_its_yaw_is_known(pair: ShotView, t11: PalletModel) -> None:
+def test_a_pallet_beyond_doubt_ends_the_search_where_its_yaw_is_known(pair: Shot, t11: PalletModel) -> None:
     tried: list[LevelPose] = []
 
     def prepare(_: Candidate, start: LevelPose) -> LevelPose:
@@ -133,7 +134,7 @@ def test_a_pallet_beyond_doubt_ends_the_search_where_its_yaw_is_known(pair: Shot
         assert tried == ([LEFT, RIGHT] if weak else [LEFT])
 
 
-def test_a_start_next_to_what_was_measured_is_not_tried_again(pair: ShotView, t11: PalletModel) -> None:
+def test_a_start_next_to_what_was_measured_is_not_tried_again(pair: Shot, t11: PalletModel) -> None:
     tried: list[LevelPose] = []
 
     def prepare(_: Candidate, start: LevelPose) -> LevelPose:
@@ -147,7 +148,7 @@ def test_a_start_next_to_what_was_measured_is_not_tried_again(pair: ShotView, t1
 
 @pytest.mark.parametrize("height", [FLOOR, None], ids=["floor", "any"])
 def test_a_start_next_to_a_fit_that_was_refused_is_tried_on_a_level(
-    height: HeightPrior | None, pair: ShotView, t11: PalletModel
+    height: HeightPrior | None, pair: Shot, t11: PalletModel
 ) -> None:
     tried: list[LevelPose] = []
 
@@ -162,7 +163,7 @@ def test_a_start_next_to_a_fit_that_was_refused_is_tried_on_a_level(
     assert tried == ([LEFT, beside] if height else [LEFT])
 
 
-def test_the_fit_begins_where_the_preparation_says(pair: ShotView, t11: PalletModel) -> None:
+def test_the_fit_begins_where_the_preparation_says(pair: Shot, t11: PalletModel) -> None:
     candidate = Candidate(t11, LEFT, FLOOR)
     keep_best(pair, candidate, with_views(pair, [LEFT]), lambda _, __: RIGHT, False, CONFIG)
     assert candidate.pose is None or near(candidate, RIGHT)
@@ -170,7 +171,7 @@ def test_the_fit_begins_where_the_preparation_says(pair: ShotView, t11: PalletMo
 
 
 @pytest.mark.parametrize("bad_first", [True, False])
-def test_the_best_of_several_attempts_is_kept(bad_first: bool, pair: ShotView, t11: PalletModel) -> None:
+def test_the_best_of_several_attempts_is_kept(bad_first: bool, pair: Shot, t11: PalletModel) -> None:
     nowhere = LevelPose(RIGHT.x - 0.53, RIGHT.y, 0.0, RIGHT.yaw)  # one opening aside
     poses = [nowhere, LEFT] if bad_first else [LEFT, nowhere]
     found = kept(pair, t11, poses, weak=True)
@@ -179,7 +180,7 @@ def test_the_best_of_several_attempts_is_kept(bad_first: bool, pair: ShotView, t
 
 
 @pytest.mark.parametrize("weak", [True, False])
-def test_a_rival_pose_widens_the_covariance(weak: bool, pair: ShotView, t11: PalletModel) -> None:
+def test_a_rival_pose_widens_the_covariance(weak: bool, pair: Shot, t11: PalletModel) -> None:
     rivalled = kept(pair, t11, [LEFT, RIGHT], weak, config=NEVER_CERTAIN)
     assert rivalled.covariance is not None
     alone = kept(pair, t11, [LEFT if near(rivalled, LEFT) else RIGHT], weak, config=NEVER_CERTAIN)
@@ -195,7 +196,7 @@ def test_a_rival_pose_widens_the_covariance(weak: bool, pair: ShotView, t11: Pal
     assert rivalled.refusal == (Stage.VERIFICATION, Reason.UNCERTAIN)
 
 
-def test_the_order_of_the_starts_does_not_matter_where_all_are_tried(pair: ShotView, t11: PalletModel) -> None:
+def test_the_order_of_the_starts_does_not_matter_where_all_are_tried(pair: Shot, t11: PalletModel) -> None:
     one, other = (kept(pair, t11, poses, weak=True) for poses in ([LEFT, RIGHT], [RIGHT, LEFT]))
     assert one.pose == other.pose
     assert one.covariance is not None
@@ -203,7 +204,7 @@ def test_the_order_of_the_starts_does_not_matter_where_all_are_tried(pair: ShotV
     np.testing.assert_allclose(one.covariance, other.covariance, rtol=1e-6, atol=1e-12)
 
 
-def test_doubt_widens_the_covariance_where_only_the_face_tells(pair: ShotView, t11: PalletModel) -> None:
+def test_doubt_widens_the_covariance_where_only_the_face_tells(pair: Shot, t11: PalletModel) -> None:
     sure, weak = (kept(pair, t11, [LEFT], weak=one, config=CERTAIN) for one in (False, True))
     factors = []
     for found in (sure, weak):
@@ -218,7 +219,7 @@ def test_doubt_widens_the_covariance_where_only_the_face_tells(pair: ShotView, t
 
 
 @pytest.mark.parametrize("off", [-0.12, -0.08, -0.06, -0.05, 0.05, 0.06, 0.08, 0.12])
-def test_a_pallet_off_its_level_is_refused(off: float, pair: ShotView, t11: PalletModel) -> None:
+def test_a_pallet_off_its_level_is_refused(off: float, pair: Shot, t11: PalletModel) -> None:
     found = kept(pair, t11, [LEFT], height=HeightPrior(off, 0.003))
     assert found.refusal is not None
     assert found.refusal[0] in (Stage.VERIFICATION, Stage.POSITION)
@@ -226,7 +227,7 @@ def test_a_pallet_off_its_level_is_refused(off: float, pair: ShotView, t11: Pall
 
 @pytest.mark.parametrize("off", [-0.04, -0.03, -0.02, 0.02, 0.03, 0.04])
 def test_a_pallet_a_little_off_its_level_is_nearly_right_or_says_how_wrong_it_is(
-    off: float, pair: ShotView, t11: PalletModel
+    off: float, pair: Shot, t11: PalletModel
 ) -> None:
     found = kept(pair, t11, [LEFT], height=HeightPrior(off, 0.003))
     if found.refusal is None:
@@ -237,7 +238,7 @@ def test_a_pallet_a_little_off_its_level_is_nearly_right_or_says_how_wrong_it_is
         assert np.abs(error[:3]).max() < 0.06 or sigmas < 5.0
 
 
-def test_every_attempt_starts_from_the_candidate_as_it_was(pair: ShotView, t11: PalletModel) -> None:
+def test_every_attempt_starts_from_the_candidate_as_it_was(pair: Shot, t11: PalletModel) -> None:
     lengths: list[int] = []
 
     def prepare(attempt: Candidate, start: LevelPose) -> LevelPose:

@@ -8,32 +8,33 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from palletloc.aliases import ask_beside
-from palletloc.refined import measure_refined
 
-from palletloc.candidate import Candidate, ShotView
+from palletloc.candidate import Candidate, Fit, Refusal
 from palletloc.config import LocalizerConfig
 from palletloc.geometry import LevelPose
 from palletloc.measurement import HeightPrior, Reason, Stage
+from palletloc.methods import measure_refined
 from palletloc.pallet import PalletModel
+from palletloc.shot import Shot
 from palletloc.verification import Signs, Verification
 
 POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
 FLOOR = HeightPrior(0.0, 0.003)
 CONFIG = LocalizerConfig()
-Portrait = Callable[..., ShotView]
+Portrait = Callable[..., Shot]
 
 
 def beside(pose: LevelPose, right: float) -> LevelPose:
     return replace(pose, x=pose.x + np.sin(pose.yaw) * right, y=pose.y - np.cos(pose.yaw) * right)
 
 
-def measured(shot: ShotView, model: PalletModel, start: LevelPose = POSE) -> Candidate:
+def measured(shot: Shot, model: PalletModel, start: LevelPose = POSE) -> Candidate:
     candidate = Candidate(model, start, FLOOR)
     measure_refined(shot, candidate, CONFIG)
     return candidate
 
 
-def believed(shot: ShotView, model: PalletModel, right: float, hidden: float) -> Candidate:
+def believed(shot: Shot, model: PalletModel, right: float, hidden: float) -> Candidate:
     """Return a candidate that was measured aside and believed, as if something stood before its missing end."""
     candidate = measured(shot, model)
     assert candidate.refusal is None
@@ -74,7 +75,7 @@ def test_a_rival_that_fails_its_checks_still_refuses(portrait: Portrait, epal: P
     shot = portrait(epal, POSE)
     alias = believed(shot, epal, float(epal.openings[1].center - epal.openings[0].center), 0.3)
 
-    def measure_badly(shot: ShotView, candidate: Candidate, config: LocalizerConfig) -> None:
+    def measure_badly(shot: Shot, candidate: Candidate, config: LocalizerConfig) -> None:
         measure_refined(shot, candidate, config)
         if candidate.refusal is None:
             candidate.refuse(Stage.VERIFICATION, Reason.UNCERTAIN)
@@ -91,7 +92,7 @@ def test_what_is_beyond_doubt_is_not_asked_again(portrait: Portrait, epal: Palle
 
     asked: list[Candidate] = []
 
-    def note(shot: ShotView, candidate: Candidate, config: LocalizerConfig) -> None:
+    def note(shot: Shot, candidate: Candidate, config: LocalizerConfig) -> None:
         asked.append(candidate)
         measure_refined(shot, candidate, config)
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -17,7 +18,6 @@ from palletloc.localizer import Localizer
 from palletloc.mounting import Mounting
 from palletloc.pallet import Opening, PalletModel
 from palletloc.plane import PlaneGrid, PlaneView
-from palletloc.projection import Projector
 from palletloc.shot import Shot
 from palletloc.synthetic.materials import CARTONS, CEILING, CONCRETES, PAINTS, PLASTERS, PLASTICS, WOODS
 from palletloc.synthetic.pallet_solid import PalletBody
@@ -154,7 +154,7 @@ def photograph() -> Callable[..., Shot]:
         closed = camera.period_px is not None
         image = expose(picture.radiance, Sensor(), closed, np.random.default_rng(seed))
         image.setflags(write=False)
-        return Shot(image, Projector(camera), Mounting(forklift_from_camera), forklift_from_camera.inv())
+        return Shot(image, camera, Mounting(forklift_from_camera))
 
     return taken
 
@@ -186,24 +186,21 @@ def floor_pallets(open_below: PalletModel, t11: PalletModel) -> tuple[Placed, ..
 
 
 @pytest.fixture(scope="session")
-def floor_shot(
-    photograph: Callable[..., Shot], floor_pallets: tuple[Placed, ...], whole_view: CameraModel
-) -> Shot:
+def floor_shot(photograph: Callable[..., Shot], floor_pallets: tuple[Placed, ...], whole_view: CameraModel) -> Shot:
     """Return a 360-degree shot of the pallets on the floor."""
     return photograph(floor_pallets, whole_view, (0.3, -0.08, 1.85, -1.2, 0.9, -0.7))
 
 
 @pytest.fixture(scope="session")
-def floor_localizer(floor_shot: Shot, floor_pallets: tuple[Placed, ...]) -> Callable[..., Localizer]:
-    """Return a function that makes a localizer for the camera and the pallets of `floor_shot`."""
+def floor_localizer(floor_pallets: tuple[Placed, ...]) -> Callable[..., Localizer]:
+    """Return a function that makes a localizer for the pallets of `floor_shot`."""
 
     def made(
         method: Method = Method.HORIZONTAL_PLANE,
-        mounting: Mounting = floor_shot.mounting,
         models: Sequence[PalletModel] = tuple(model for model, _ in floor_pallets),
         config: LocalizerConfig | None = None,
     ) -> Localizer:
-        return Localizer(floor_shot.camera, mounting, models, method, config)
+        return Localizer(models, method, config)
 
     return made
 
@@ -219,9 +216,7 @@ def rack_pallets(t11: PalletModel) -> tuple[Placed, ...]:
 
 
 @pytest.fixture(scope="session")
-def rack_shot(
-    photograph: Callable[..., Shot], rack_pallets: tuple[Placed, ...], whole_view: CameraModel
-) -> Shot:
+def rack_shot(photograph: Callable[..., Shot], rack_pallets: tuple[Placed, ...], whole_view: CameraModel) -> Shot:
     """Return a 360-degree shot from a camera 1.3 m above the floor."""
     return photograph(rack_pallets, whole_view, (0.1, 0.0, 1.3, 0.5, -0.4, 0.6))
 
@@ -229,8 +224,7 @@ def rack_shot(
 @pytest.fixture(scope="session")
 def blank_shot(floor_shot: Shot) -> Shot:
     """Return a shot without anything to see, from where `floor_shot` was taken."""
-    image = np.full_like(floor_shot.image, 128)
-    return Shot(image, floor_shot.projector, floor_shot.mounting, floor_shot.mounting.to_camera)
+    return replace(floor_shot, image=np.full_like(floor_shot.image, 128))
 
 
 @pytest.fixture(scope="session")

@@ -35,9 +35,7 @@ def squared_errors(
         mounting = replace(shot.mounting, forklift_from_camera=recorded)
         start = LevelPose(*(pose.as_array() + rng.normal(0.0, [0.02, 0.02, 0.0, 0.02])).tolist())
         levels = (z,) if known else ()
-        found = Localizer(shot.camera, mounting, [model]).localize_from(
-            shot, [Start(model.name, start)], levels
-        )[0]
+        found = Localizer(shot.camera, mounting, [model]).localize_from(shot, [Start(model.name, start)], levels)[0]
         if found is not None:
             error = found.forklift_from_pallet.as_array() - pose.as_array()
             error[3] = wrap_angle(error[3])

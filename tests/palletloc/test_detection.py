@@ -85,9 +85,7 @@ def test_with_levels_each_band_is_searched_for_what_stands_there(
         assert hits(found, model, pose)
 
 
-def test_detections_of_a_model_on_a_level_stand_apart(
-    floor_shot: Shot, floor_pallets: tuple[Placed, ...]
-) -> None:
+def test_detections_of_a_model_on_a_level_stand_apart(floor_shot: Shot, floor_pallets: tuple[Placed, ...]) -> None:
     models = [model for model, _ in floor_pallets]
     found, _ = detected(floor_shot, models)
     for model in models:
@@ -103,9 +101,7 @@ def test_the_same_shot_gives_the_same_detections(floor_shot: Shot, floor_pallets
     assert detected(floor_shot, models)[0] == detected(floor_shot, models)[0]
 
 
-def test_the_mirrored_shelf_gives_mirrored_detections(
-    floor_shot: Shot, floor_pallets: tuple[Placed, ...]
-) -> None:
+def test_the_mirrored_shelf_gives_mirrored_detections(floor_shot: Shot, floor_pallets: tuple[Placed, ...]) -> None:
     mirror = np.diag([1.0, -1.0, 1.0, 1.0])
     matrix = mirror @ floor_shot.mounting.forklift_from_camera.as_matrix() @ mirror
     mounting = type(floor_shot.mounting.forklift_from_camera).from_matrix(matrix)

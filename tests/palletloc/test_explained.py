@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from palletloc.candidate import Fit
 from palletloc.edge_fit import EdgeFit
 from palletloc.explained import EdgeFate, SearchAxes, account_edges, edge_name, name_candidates
 from palletloc.face import EdgeKind, EdgeShift, FaceEdge, face_lines
@@ -27,12 +28,13 @@ FROM_ABOVE, FROM_BELOW = np.array([0.2, 1.2, 2.0]), np.array([0.2, -0.6, 2.0])
 
 
 def measured(edge: FaceEdge) -> MeasuredEdge:
-    return MeasuredEdge(edge, EdgeFit(0.002, 0.0, 1e-3, 1e-3, 0.9, 20.0), 0.003, EdgeShift(0.0, 0.004, True), 0.004)
+    fit, shift = EdgeFit(0.002, 0.0, 1e-3, 1e-3, 0.9, 20.0), EdgeShift(0.0, 0.004, True)
+    return MeasuredEdge(edge, fit, 0.003, shift, 0.004, 1.0)
 
 
 def face(edges: list[FaceEdge], weights: list[float], camera: Any = FROM_ABOVE, **fields: Any) -> Any:
     """Return what stands for a fit: its edges and their weights."""
-    seen = SeenFace(camera, tuple(measured(edge) for edge in edges), expected=len(edges))
+    seen = SeenFace(camera, np.eye(4), (), tuple(measured(edge) for edge in edges), expected=len(edges))
     return SimpleNamespace(seen=seen, weights=np.array(weights), **({"hidden": ()} | fields))
 
 
@@ -143,7 +145,7 @@ def test_pallets_are_named_from_left_to_right(
     starts = [Start(model.name, pose) for model, pose in reversed(floor_pallets)]
     explained = floor_localizer().explain_from(floor_shot, starts, (0.0,))
     named = dict(name_candidates(explained))
-    assert (named["P1"].model.name, named["P2"].model.name) == (left.name, right.name)
+    assert (named["P1"].candidate.model.name, named["P2"].candidate.model.name) == (left.name, right.name)
 
 
 def test_what_was_given_up_has_names_of_its_own(
@@ -152,8 +154,8 @@ def test_what_was_given_up_has_names_of_its_own(
     shelf = ShelfPlane(1.0, 2.0, np.radians(-90.0), (0.0,))
     explained = floor_localizer(models=[t11]).explain(floor_shot, shelf)
     named = name_candidates(explained)
-    assert len(named) == len(explained.candidates) == len({name for name, _ in named})
-    for name, candidate in named:
-        assert name.startswith("P") == (candidate.refusal is None)
-    scores = [candidate.score for name, candidate in named if name.startswith("C")]
+    assert len(named) == len(explained.outcomes) == len({name for name, _ in named})
+    for name, outcome in named:
+        assert name.startswith("P") == isinstance(outcome, Fit)
+    scores = [outcome.candidate.score for name, outcome in named if name.startswith("C")]
     assert scores == sorted(scores, reverse=True)

@@ -44,9 +44,7 @@ def with_views(shot: Shot, poses: Sequence[LevelPose]) -> Starts:
     """Starts with views of their surroundings."""
     starts = []
     for pose in poses:
-        patch = view_patch(
-            shot, pose, (-0.75, 0.75, -0.1, 0.3), 0.005
-        )
+        patch = view_patch(shot, pose, (-0.75, 0.75, -0.1, 0.3), 0.005)
         assert isinstance(patch, FacePatch)
         starts.append((pose, patch))
     return starts

@@ -10,7 +10,7 @@ import pytest
 
 from palletloc.choices import Method
 from palletloc.config import LocalizerConfig
-from palletloc.geometry import FloatArray, LevelPose, level_pose, wrap_angle
+from palletloc.geometry import LevelPose, level_pose
 from palletloc.localizer import Localizer, Start
 from palletloc.measurement import Reason, Stage, YawSource
 from palletloc.pallet import PalletModel
@@ -22,19 +22,15 @@ Placed = tuple[PalletModel, LevelPose]
 Makes = Callable[..., Localizer]
 
 
-def apart(one: LevelPose, other: LevelPose) -> FloatArray:
-    difference = one.as_array() - other.as_array()
-    difference[3] = wrap_angle(difference[3])
-    return difference
-
-
 @pytest.mark.parametrize("method", Method)
 def test_all_methods_give_results_of_one_form(
     method: Method, floor_localizer: Makes, floor_shot: Shot, floor_pallets: tuple[Placed, ...]
 ) -> None:
     starts = [Start(model.name, pose) for model, pose in floor_pallets]
-    explained = floor_localizer(method, config=COARSE).explain_from(floor_shot, starts, (0.0,), "c.jpg")
-    assert [candidate.model.name for candidate in explained.candidates] == [start.model for start in starts]
+    explained = floor_localizer(method, config=COARSE).explain_from(
+        replace(floor_shot, time=3.0, file="c.jpg"), starts, (0.0,)
+    )
+    assert [outcome.candidate.model.name for outcome in explained.outcomes] == [start.model for start in starts]
     assert len(explained.measurements) + len(explained.refusals) == len(starts)
     assert explained.measurements
     for one in explained.measurements:
@@ -45,7 +41,7 @@ def test_all_methods_give_results_of_one_form(
         assert 0.0 <= one.score <= 1.0
         assert isinstance(one.yaw_from, YawSource)
         truth = next(pose for model, pose in floor_pallets if model.name == one.model)
-        assert np.abs(apart(one.forklift_from_pallet, truth)[:3]).max() < 0.1
+        assert np.abs(one.forklift_from_pallet.minus(truth)[:3]).max() < 0.1
 
 
 @pytest.mark.parametrize("method", Method)
@@ -140,12 +136,33 @@ def test_another_place_of_the_forklift_frame_moves_everything_with_it(
     starts = [Start(model.name, pose) for model, pose in floor_pallets]
     there = [Start(s.model, level_pose(moved.transform() * s.forklift_from_pallet.transform())) for s in starts]
     before = floor_localizer().localize_from(floor_shot, starts, (0.0,))
-    after = floor_localizer(mounting=mounting).localize_from(floor_shot, there, (0.0,))
+    after = floor_localizer().localize_from(replace(floor_shot, mounting=mounting), there, (0.0,))
     turn = np.eye(4)
     turn[:2, :2] = moved.matrix()[:2, :2]
     for one, other in zip(after, before, strict=True):
         assert one is not None
         assert other is not None
         expected = level_pose(moved.transform() * other.forklift_from_pallet.transform())
-        assert np.abs(apart(one.forklift_from_pallet, expected)).max() < 1e-4
+        assert np.abs(one.forklift_from_pallet.minus(expected)).max() < 1e-4
         np.testing.assert_allclose(one.covariance, turn @ other.covariance @ turn.T, rtol=0.02, atol=1e-8)
+
+
+@pytest.mark.parametrize("index", [0, 1])
+@pytest.mark.parametrize("along_ray", [-0.25, 0.45])
+def test_a_start_far_off_along_the_viewing_ray_leads_to_the_pallet(
+    along_ray: float,
+    index: int,
+    floor_localizer: Makes,
+    floor_shot: Shot,
+    floor_pallets: tuple[Placed, ...],
+) -> None:
+    model, pose = floor_pallets[index]
+    center = floor_shot.mounting.center
+    ray = pose.as_array()[:3] - center
+    x, y, _ = center + ray * (1 + along_ray / np.linalg.norm(ray))
+    start = replace(pose, x=float(x), y=float(y), yaw=pose.yaw + np.radians(2.0))
+    (found,) = floor_localizer().localize_from(floor_shot, [Start(model.name, start)], (0.0,))
+    assert found is not None
+    error = np.abs(found.forklift_from_pallet.as_array() - pose.as_array())
+    assert error[:3].max() < 0.03
+    assert error[3] < np.radians(1.0)

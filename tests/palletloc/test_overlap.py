@@ -87,10 +87,7 @@ def test_at_any_height_a_model_gives_way_to_the_one_that_stands_there(
 def test_a_model_that_looks_alike_is_no_contradiction(portrait: Portrait, t11: PalletModel) -> None:
     shot, alike = portrait(t11, POSE), replace(t11, name="alike", width=t11.width + 0.002)
     alone, beside = (
-        Localizer(models).localize_from(shot, [Start("t11", POSE)])[
-            0
-        ]
-        for models in ([t11], [t11, alike])
+        Localizer(models).localize_from(shot, [Start("t11", POSE)])[0] for models in ([t11], [t11, alike])
     )
     assert alone is not None
     assert beside is not None

@@ -49,9 +49,9 @@ def test_a_dark_shot_is_exposed_for_the_shelf_and_not_for_a_lamp(floor_shot: Sho
     dark = darkened(floor_shot.image, 0.2)
     dark[: dark.shape[0] // 8] = 255
     found = brightened(dark, floor_shot.camera, floor_shot.mounting, points)
-    pixels = floor_shot.camera.project(
-        floor_shot.mounting.forklift_from_camera.inv().apply(points)
-    ).pixels.astype(int)
+    pixels = floor_shot.camera.project(floor_shot.mounting.forklift_from_camera.inv().apply(points)).pixels.astype(
+        int
+    )
     values = found[pixels[:, 1], pixels[:, 0]].max(axis=-1)
     assert 0.8 * BRIGHT <= np.percentile(values, 98) <= 1.2 * BRIGHT
 

@@ -10,8 +10,9 @@ import pytest
 
 from palletloc.choices import CameraKind, Method
 from palletloc.geometry import LevelPose, wrap_angle
-from palletloc.localizer import METHODS, Explanation, Localizer
+from palletloc.localizer import Explanation, Localizer
 from palletloc.measurement import PalletMeasurement
+from palletloc.methods import METHODS
 from palletloc.pallet import PalletModel
 from palletloc.shelf import ShelfPlane
 from palletloc.shot import Shot
@@ -63,7 +64,7 @@ def faults() -> Callable[[Explanation, Sequence[Placed]], list[str]]:
 
     def found(explained: Explanation, pallets: Sequence[Placed] = ()) -> list[str]:
         answered = len(explained.measurements) + len(explained.refusals)
-        lost = [] if answered == len(explained.candidates) else ["a candidate is neither a row nor refused"]
+        lost = [] if answered == len(explained.outcomes) else ["a candidate is neither a row nor refused"]
         return lost + [text for text in (_fault(row, pallets) for row in explained.measurements) if text]
 
     return found
@@ -71,9 +72,9 @@ def faults() -> Callable[[Explanation, Sequence[Placed]], list[str]]:
 
 @pytest.fixture(scope="session")
 def localizer(method: Method) -> Callable[..., Localizer]:
-    """Return a function that makes a localizer for a shot and the pallets in it."""
+    """Return a function that makes a localizer for pallets."""
 
-    def made(shot: Shot, pallets: Sequence[Placed]) -> Localizer:
+    def made(pallets: Sequence[Placed]) -> Localizer:
         return Localizer([model for model, _ in pallets], method)
 
     return made

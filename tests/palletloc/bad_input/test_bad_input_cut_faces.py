@@ -15,7 +15,6 @@ from palletloc.choices import CameraKind
 from palletloc.geometry import FloatArray, Image, LevelPose
 from palletloc.localizer import Localizer, Start
 from palletloc.pallet import PalletModel
-from palletloc.projection import Projector
 from palletloc.shelf import ShelfPlane
 from palletloc.shot import Shot
 from palletloc.synthetic.rig import camera_of
@@ -66,7 +65,7 @@ def measured(localizer: Callable[..., Localizer], faults: Callable[..., list[str
     """Return a function that checks the rows of a cut shot, detected and from right starts, and counts them."""
 
     def checked(shot: Shot, pallets: tuple[Placed, ...], shelf: ShelfPlane, known: bool = True) -> int:
-        found, levels = localizer(shot, pallets), shelf.levels if known else ()
+        found, levels = localizer(pallets), shelf.levels if known else ()
         starts = [Start(model.name, pose) for model, pose in pallets]
         given = found.explain_from(shot, starts, levels)
         assert faults(given, pallets) == []
@@ -83,7 +82,7 @@ def cut_by_border(scene: Scene, side: str, pallet: int, place: float, known: boo
     along = pixels[valid][:, 0 if side in ("left", "right") else 1]
     at = round(float(along.min() + place * np.ptp(along)))
     camera, image = cropped(shot.camera, shot.image, side, at)
-    return measured(replace(shot, image=image, projector=Projector(camera)), pallets, shelf, known)
+    return measured(replace(shot, image=image, camera=camera), pallets, shelf, known)
 
 
 @FEW
@@ -120,7 +119,7 @@ def cut_by_lens(scene: Scene, pallet: int, place: float, black: bool, known: boo
     if black:
         columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
         image[~smaller.unproject(np.stack([columns, rows], axis=-1).astype(np.float64)).valid] = 0
-    return measured(replace(shot, image=image, projector=Projector(smaller)), pallets, shelf, known)
+    return measured(replace(shot, image=image, camera=smaller), pallets, shelf, known)
 
 
 @FEW

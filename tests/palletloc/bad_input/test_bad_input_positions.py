@@ -44,10 +44,11 @@ def displaced(scenes: Scenes, localizer: Makes, faults: Faults) -> Check:
 
     def checked(name: str, image: Image, known: bool = True) -> None:
         shot, pallets, shelf = scenes(name)
-        found, levels = localizer(shot, pallets), shelf.levels if known else ()
+        found, levels = localizer(pallets), shelf.levels if known else ()
         starts = [Start(model.name, pose) for model, pose in pallets]
-        assert faults(found.explain(replace(shot, image=image), replace(shelf, levels=levels)), pallets) == []
-        assert faults(found.explain_from(replace(shot, image=image), starts, levels), pallets) == []
+        moved = replace(shot, image=image)
+        assert faults(found.explain(moved, replace(shelf, levels=levels)), pallets) == []
+        assert faults(found.explain_from(moved, starts, levels), pallets) == []
 
     return checked
 
@@ -105,11 +106,11 @@ def test_a_mirrored_image_gives_no_wrong_row_where_the_shelf_would_be_mirrored(
     name: str, scenes: Scenes, localizer: Makes, faults: Faults
 ) -> None:
     shot, pallets, shelf = scenes(name)
-    seen, image = seen_in(shot, pallets, "mirrored"), flipped(shot.image, "mirrored")
-    found = localizer(shot, pallets)
+    seen, mirrored = seen_in(shot, pallets, "mirrored"), replace(shot, image=flipped(shot.image, "mirrored"))
+    found = localizer(pallets)
     starts = [Start(model.name, pose) for model, pose in seen]
-    assert faults(found.explain_from(replace(shot, image=image), starts, shelf.levels), seen) == []
-    assert faults(found.explain(replace(shot, image=image), shelf_in(shot, shelf, "mirrored")), seen) == []
+    assert faults(found.explain_from(mirrored, starts, shelf.levels), seen) == []
+    assert faults(found.explain(mirrored, shelf_in(shot, shelf, "mirrored")), seen) == []
 
 
 @pytest.mark.slow
@@ -119,7 +120,8 @@ def test_at_any_height_a_flipped_image_gives_only_rows_that_are_right_in_it(
     flip: str, name: str, scenes: Scenes, localizer: Makes, faults: Faults
 ) -> None:
     shot, pallets, shelf = scenes(name)
-    explained = localizer(shot, pallets).explain(flipped(shot.image, flip), 0.0, replace(shelf, levels=()))
+    turned = replace(shot, image=flipped(shot.image, flip))
+    explained = localizer(pallets).explain(turned, replace(shelf, levels=()))
     assert faults(explained, pallets + seen_in(shot, pallets, flip)) == []
 
 

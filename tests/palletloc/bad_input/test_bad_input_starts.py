@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 
 from palletloc.choices import Method
 from palletloc.geometry import LevelPose
-from palletloc.localizer import METHODS, Explanation, Localizer, Start
+from palletloc.localizer import Explanation, Localizer, Start
 from palletloc.measurement import Reason, Stage
+from palletloc.methods import METHODS
 from palletloc.pallet import PalletModel
 from palletloc.shelf import ShelfPlane
 from palletloc.shot import Shot
@@ -57,8 +58,8 @@ def started(scenes: Scenes, localizer: Makes, faults: Faults) -> Check:
     def checked(name: str, starts: Sequence[Start], known: bool = True) -> Explanation:
         shot, pallets, shelf = scenes(name)
         levels = shelf.levels if known else ()
-        explained = localizer(shot, pallets).explain_from(shot, starts, levels)
-        assert [one.model.name for one in explained.candidates] == [start.model for start in starts]
+        explained = localizer(pallets).explain_from(shot, starts, levels)
+        assert [outcome.candidate.model.name for outcome in explained.outcomes] == [start.model for start in starts]
         assert faults(explained, pallets) == []
         return explained
 
@@ -125,10 +126,8 @@ def test_a_start_that_the_camera_cannot_see_is_refused_with_its_reason(
 def test_levels_that_are_not_finite_are_no_levels(scenes: Scenes, localizer: Makes) -> None:
     shot, pallets, _ = scenes("pinhole")
     model, pose = pallets[0]
-    found = localizer(shot, pallets).explain_from(
-        shot, [Start(model.name, pose)], (np.nan, np.inf, -np.inf)
-    )
-    assert [one.height for one in found.candidates] == [None]
+    found = localizer(pallets).explain_from(shot, [Start(model.name, pose)], (np.nan, np.inf, -np.inf))
+    assert [outcome.candidate.height for outcome in found.outcomes] == [None]
 
 
 @FEW

@@ -131,9 +131,7 @@ def test_a_shot_without_a_pallet_has_its_pictures(blank_shot: Shot, t11: PalletM
 
 
 @pytest.mark.parametrize("method", [Method.PAPER, Method.JOINT_SEARCH])
-def test_other_methods_have_their_pictures(
-    method: Method, portrait: Callable[..., Shot], t11: PalletModel
-) -> None:
+def test_other_methods_have_their_pictures(method: Method, portrait: Callable[..., Shot], t11: PalletModel) -> None:
     pose = LevelPose(0.4, 2.0, 0.0, np.radians(91))
     shot = portrait(t11, pose)
     explained = localizer(shot, [t11], method).explain_from(shot, [Start("t11", pose)], (0.0,))
@@ -179,9 +177,7 @@ def test_a_face_out_of_view_says_so(portrait: Callable[..., Shot], t11: PalletMo
 
 
 @pytest.mark.parametrize("step", range(2))
-def test_a_voters_line_is_drawn_where_the_camera_sees_the_edge(
-    step: int, found: Candidate, floor_shot: Shot
-) -> None:
+def test_a_voters_line_is_drawn_where_the_camera_sees_the_edge(step: int, found: Candidate, floor_shot: Shot) -> None:
     seen: HorizontalView = found.horizontal[step]
     sharp = replace(found.model, edge_radius=0.0)
     pose = _pose_of(seen, floor_shot)

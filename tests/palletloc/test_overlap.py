@@ -1,3 +1,5 @@
+"""Of candidates that stand in each other, those stay that together are the likeliest."""
+
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
@@ -12,151 +14,112 @@ from hypothesis import strategies as st
 from palletloc.candidate import Candidate, Fit, Refusal
 from palletloc.config import LocalizerConfig
 from palletloc.geometry import LevelPose
-from palletloc.localizer import Localizer, Start
-from palletloc.measurement import HeightPrior, Reason, Stage
+from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
 from palletloc.methods import measure_refined
-from palletloc.overlap import challenge, exclude_overlaps
+from palletloc.overlap import exclude_overlaps
 from palletloc.pallet import PalletModel
 from palletloc.shot import Shot
-from palletloc.verification import (
-    SCORE,
-    USUAL_CONTRAST,
-    USUAL_COVERAGE,
-    USUAL_DOUBT,
-    USUAL_SCORE,
-    Signs,
-    Verification,
-)
+from palletloc.verification import SCORE, USUAL_CONTRAST, USUAL_COVERAGE, USUAL_DOUBT, USUAL_SCORE, Evidence
 
 CONFIG = LocalizerConfig()
-POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
-Portrait = Callable[..., Shot]
+Outcome = Fit | Refusal
 
 
-def candidate(model: PalletModel, x: float, score: float) -> Candidate:
+def placed(model: PalletModel, x: float, score: float) -> Fit:
     pose = LevelPose(x, 2.0, 0.0, np.pi / 2)
-    return Candidate(model, pose, None, score, pose=pose, covariance=np.eye(4))
+    return Fit(Candidate(model, pose, None, score), pose, np.eye(4), YawSource.FACE)
+
+
+def given_up(fit: Fit, reason: Reason) -> Refusal:
+    return Refusal(fit.candidate, Stage.VERIFICATION, reason, fit)
+
+
+def excluded(*outcomes: Outcome) -> list[Outcome]:
+    """Return what stays, after a check that everything else is as it was."""
+    found = exclude_overlaps(outcomes, CONFIG.verification)
+    for before, after in zip(outcomes, found, strict=True):
+        if after is not before:
+            assert isinstance(before, Fit)
+            assert isinstance(after, Refusal)
+            assert (after.candidate, after.stage, after.reason) == (
+                before.candidate,
+                Stage.VERIFICATION,
+                Reason.OVERLAP,
+            )
+            assert after.fit is before
+    return found
+
+
+def stays(*outcomes: Outcome) -> list[bool]:
+    return [isinstance(outcome, Fit) for outcome in excluded(*outcomes)]
 
 
 def test_of_two_pallets_in_one_place_the_better_stays(epal: PalletModel, t11: PalletModel) -> None:
-    weak, strong, aside = candidate(epal, 0.0, 0.5), candidate(t11, 0.3, 0.8), candidate(epal, 1.6, 0.4)
-    refused = candidate(epal, 0.0, 0.99)
-    refused.refuse(Stage.VERIFICATION, Reason.FEW_EDGES)
-    exclude_overlaps([weak, refused, strong, aside])
-    assert weak.refusal == (Stage.VERIFICATION, Reason.OVERLAP)
-    assert (strong.refusal, aside.refusal) == (None, None)
-    assert refused.refusal == (Stage.VERIFICATION, Reason.FEW_EDGES)
+    weak, strong, aside = placed(epal, 0.0, 0.5), placed(t11, 0.3, 0.8), placed(epal, 1.6, 0.4)
+    refused = given_up(placed(epal, 0.0, 0.99), Reason.FEW_EDGES)
+    assert stays(weak, refused, strong, aside) == [False, False, True, True]
+    assert excluded(weak, refused, strong, aside)[1] is refused
 
 
 def test_what_was_excluded_excludes_nothing(epal: PalletModel) -> None:
-    chain = [candidate(epal, 0.8 * i, 0.9 - 0.1 * i) for i in range(3)]
-    exclude_overlaps(chain)
-    assert [one.refusal is None for one in chain] == [True, False, True]
+    assert stays(*(placed(epal, 0.8 * i, 0.9 - 0.1 * i) for i in range(3))) == [True, False, True]
 
 
 def test_the_wrong_model_does_not_keep_the_place_of_the_right_one(epal: PalletModel, t11: PalletModel) -> None:
-    wrong, right = candidate(t11, 0.1, 0.9), candidate(epal, 0.0, 0.8)
-    wrong.refuse(Stage.VERIFICATION, Reason.OVERLAP)
-    exclude_overlaps([wrong, right])
-    assert right.refusal is None
+    wrong = given_up(placed(t11, 0.1, 0.9), Reason.OVERLAP)
+    assert stays(wrong, placed(epal, 0.0, 0.8)) == [False, True]
 
 
-def seen_as(shot: Shot, model: PalletModel, other: PalletModel) -> LevelPose:
-    """Return where another model would look as wide as one at `POSE`."""
-    center = shot.mounting.center
-    place = center + other.width / model.width * (np.array([POSE.x, POSE.y, POSE.z]) - center)
-    x, y, z = place.tolist()
-    return LevelPose(x, y, z, POSE.yaw)
+def test_nothing_excludes_nothing(epal: PalletModel) -> None:
+    start = LevelPose(0.0, 2.0, 0.0, 1.5)
+    unseen = Refusal(Candidate(epal, start), Stage.SEARCH, Reason.NO_PEAK)
+    assert excluded() == []
+    assert excluded(unseen) == [unseen]
+    assert stays(unseen, placed(epal, 0.0, 0.1)) == [False, True]
 
 
-@pytest.mark.parametrize("names", [("epal", "t11"), ("t11", "epal")], ids="-as-".join)
-def test_at_any_height_a_model_gives_way_to_the_one_that_stands_there(
-    names: tuple[str, str], portrait: Portrait, request: pytest.FixtureRequest
-) -> None:
-    model, other = (request.getfixturevalue(name) for name in names)
-    shot = portrait(model, POSE)
-    found = Localizer([model, other])
-    starts = [Start(other.name, seen_as(shot, model, other)), Start(model.name, POSE)]
-    wrong, right = found.explain_from(shot, starts).candidates
-    assert wrong.refusal is not None
-    assert right.refusal is None
-    assert right.pose is not None
-    assert np.abs(right.pose.as_array() - POSE.as_array())[:3].max() < 0.03
-
-
-def test_a_model_that_looks_alike_is_no_contradiction(portrait: Portrait, t11: PalletModel) -> None:
-    shot, alike = portrait(t11, POSE), replace(t11, name="alike", width=t11.width + 0.002)
-    alone, beside = (
-        Localizer(models).localize_from(shot, [Start("t11", POSE)])[0] for models in ([t11], [t11, alike])
-    )
-    assert alone is not None
-    assert beside is not None
-    assert beside.forklift_from_pallet == alone.forklift_from_pallet
-    assert (np.diag(beside.covariance) >= np.diag(alone.covariance)).all()
-
-
-@pytest.mark.parametrize(("aside", "stays"), [(0.0, True), (0.45, False)])
+@pytest.mark.parametrize(("aside", "expected"), [(0.0, True), (0.45, False)])
 def test_what_is_uncertain_keeps_others_away_but_not_a_better_fit_of_its_own_pallet(
-    aside: float, stays: bool, portrait: Portrait, t11: PalletModel
+    aside: float, expected: bool, portrait: Callable[..., Shot], t11: PalletModel
 ) -> None:
-    shot = portrait(t11, POSE)
-    known = Candidate(t11, POSE, HeightPrior(0.0, 0.003))
-    measure_refined(shot, known, CONFIG)
+    pose = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
+    known = measure_refined(portrait(t11, pose), Candidate(t11, pose, HeightPrior(0.0, 0.003)), CONFIG)
+    assert isinstance(known, Fit)
     assert known.face is not None
-    there = replace(POSE, x=POSE.x + aside)
+    there = replace(pose, x=pose.x + aside)
     uncertain = replace(known, pose=there, face=replace(known.face, forklift_from_pallet=there))
-    uncertain.refuse(Stage.VERIFICATION, Reason.UNCERTAIN)
-    exclude_overlaps([uncertain, known])
-    assert (known.refusal is None) is stays
-    assert uncertain.refusal == (Stage.VERIFICATION, Reason.UNCERTAIN)
+    assert stays(given_up(uncertain, Reason.UNCERTAIN), known) == [False, expected]
 
 
-def test_where_the_level_is_known_no_other_model_is_tried(portrait: Portrait, t11: PalletModel) -> None:
-    def never(*_: object) -> None:
-        raise AssertionError("no other model has to be measured")
-
-    shot, known = portrait(t11, POSE), Candidate(t11, POSE, HeightPrior(0.0, 0.003))
-    measure_refined(shot, known, CONFIG)
-    assert known.refusal is None
-    challenge(shot, known, [replace(t11, width=1.2)], never, CONFIG)
-    assert known.refusal is None
-
-
-def shown(model: PalletModel, x: float, evidence: float) -> Candidate:
-    """A candidate whose signs are those of most places, but for a score that gives it so much evidence."""
-    found = candidate(model, x, 0.5)
-    signs = Signs(USUAL_CONTRAST, USUAL_COVERAGE, USUAL_SCORE + evidence / SCORE, USUAL_DOUBT - 0.5)
-    found.verification = Verification(signs, None)
-    assert found.weight == pytest.approx(evidence)
-    return found
+def shown(model: PalletModel, x: float, evidence: float) -> Fit:
+    """A fit whose signs are those of most places, but for a score that gives it so much evidence."""
+    signs = Evidence(USUAL_CONTRAST, USUAL_COVERAGE, USUAL_SCORE + evidence / SCORE, USUAL_DOUBT - 0.5)
+    assert signs.visible == pytest.approx(evidence)
+    return replace(placed(model, x, 0.5), evidence=signs)
 
 
 def test_two_pallets_side_by_side_outweigh_one_that_stands_in_both(epal: PalletModel) -> None:
     left, between, right = shown(epal, 0.0, 1.2), shown(epal, 0.65, 1.8), shown(epal, 1.3, 1.0)
-    exclude_overlaps([between, left, right])
-    assert [one.refusal is None for one in (left, between, right)] == [True, False, True]
+    assert stays(between, left, right) == [False, True, True]
     left, between, right = shown(epal, 0.0, 0.8), shown(epal, 0.65, 1.9), shown(epal, 1.3, 1.0)
-    exclude_overlaps([between, left, right])
-    assert [one.refusal is None for one in (left, between, right)] == [False, True, False]
+    assert stays(between, left, right) == [True, False, False]
 
 
 def test_two_mere_scores_do_not_outweigh_a_higher_one(epal: PalletModel) -> None:
-    left, between, right = candidate(epal, 0.0, 0.6), candidate(epal, 0.65, 0.7), candidate(epal, 1.3, 0.6)
-    exclude_overlaps([left, between, right])
-    assert [one.refusal is None for one in (left, between, right)] == [False, True, False]
+    left, between, right = placed(epal, 0.0, 0.6), placed(epal, 0.65, 0.7), placed(epal, 1.3, 0.6)
+    assert stays(left, between, right) == [False, True, False]
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.tuples(st.floats(0.0, 6.0), st.floats(0.1, 2.5)), max_size=9))
 def test_what_stays_weighs_the_most(epal: PalletModel, places: list[tuple[float, float]]) -> None:
-    found = [shown(epal, x, evidence) for x, evidence in places]
-    exclude_overlaps(found)
+    found = stays(*(shown(epal, x, evidence) for x, evidence in places))
     apart = 0.9 * epal.width
 
     def free(chosen: Sequence[tuple[float, float]]) -> bool:
-        return all(abs(one[0] - other[0]) >= apart for one, other in combinations(chosen, 2))
+        return all(abs(here[0] - there[0]) >= apart for here, there in combinations(chosen, 2))
 
-    kept = [place for place, one in zip(places, found, strict=True) if one.refusal is None]
+    kept = [place for place, is_kept in zip(places, found, strict=True) if is_kept]
     assert free(kept)
     subsets = (some for count in range(len(places) + 1) for some in combinations(places, count) if free(some))
     assert sum(weight for _, weight in kept) == pytest.approx(

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ from palletloc.io.atomic import OutputError
 from palletloc.io.csv_table import TableError
 from palletloc.io.images import ImageError
 from palletloc.io.measurements import NoPose
-from palletloc.io.recording import Recording, ShotError, read_recording
+from palletloc.io.recording import ShotError
 from palletloc.io.run_folder import Run, RunFolder
 from palletloc.io.yaml_document import DocumentError
 from palletloc.localizer import Explanation, Localizer
@@ -53,42 +52,6 @@ def worked(job: Job, out: Path, *, strict: bool = False, resume: bool = False) -
 
 def problems(outcomes: Sequence[ShotOutcome]) -> dict[int, str]:
     return {outcome.number: outcome.problem for outcome in outcomes if outcome.problem}
-
-
-@pytest.fixture
-def recording(blank_recording: Path) -> Recording:
-    return read_recording(blank_recording)
-
-
-@pytest.mark.parametrize("time", [0.0, 0.25, 1.0, 1.7, 2.0])
-def test_the_shelf_stays_where_it_is_in_odom(recording: Recording, time: float) -> None:
-    shelf = recording.shelf_at(time, PRIOR)
-    odom_from_forklift = recording.odometry.pose_at(time).transform()
-    there = odom_from_forklift * LevelPose(shelf.x, shelf.y, 0.0, shelf.facing).transform()
-    given = LevelPose(recording.shelf.x, recording.shelf.y, 0.0, recording.shelf.facing).transform()
-    np.testing.assert_allclose(there.as_matrix(), given.as_matrix(), atol=1e-9)
-    assert shelf.levels == recording.shelf.levels
-
-
-def test_the_heading_may_drift_for_as_long_as_the_odometry_runs(recording: Recording) -> None:
-    drifts = [np.degrees(recording.shelf_at(time, PRIOR).drift) for time in (-1.0, 0.0, 1.0, 2.0)]
-    np.testing.assert_allclose(drifts, [0.5, 0.0, 0.5, 0.8], atol=1e-12)
-    later = replace(recording, odometry=replace(recording.odometry, times=np.array([5.0, 6.0, 7.0])))
-    assert np.degrees(later.shelf_at(6.0, PRIOR).drift) == pytest.approx(0.5)
-
-
-def test_a_time_without_odometry_is_an_error_that_names_the_file(recording: Recording) -> None:
-    with pytest.raises(ShotError, match=r"odometry\.csv: no pose at 9 s: expected a time between 0 s and 2 s"):
-        recording.shelf_at(9.0, PRIOR)
-
-
-def test_a_recording_is_its_shots_in_order(recording: Recording) -> None:
-    shots = list(recording)
-    assert [(shot.time, shot.file) for shot in shots] == [(0.5 * n, f"images/{n}.png") for n in range(4)]
-    assert [int(shot.image[0, 0, 0]) for shot in shots] == [100, 101, 102, 103]
-    for shot in shots:
-        assert shot.camera is recording.camera
-        np.testing.assert_array_equal(shot.mounting.center, recording.mounting.center)
 
 
 def test_a_shot_is_explained_with_its_image(blank_recording: Path) -> None:

@@ -17,7 +17,7 @@ from palletloc.config import LocalizerConfig
 from palletloc.geometry import Image, LevelPose, level_pose
 from palletloc.io.config_file import read_config
 from palletloc.io.measurements import read_measurements, write_measurements
-from palletloc.io.recording import Recording, Shot, read_recording
+from palletloc.io.recording import Recording, ShotFile, read_recording
 from palletloc.io.tracks import read_tracks
 from palletloc.io.truth import TruePallet, Truth, write_truth
 from palletloc.measurement import PalletMeasurement, YawSource
@@ -78,10 +78,10 @@ def finds(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Job, "rows", lambda _, explanation: [seen(explanation.time)])
 
 
-def stops_at(number: int, kind: type[BaseException]) -> Callable[[Recording, Shot], Image]:
+def stops_at(number: int, kind: type[BaseException]) -> Callable[[Recording, ShotFile], Image]:
     read = Recording.image
 
-    def image(recording: Recording, shot: Shot) -> Image:
+    def image(recording: Recording, shot: ShotFile) -> Image:
         if shot.file == f"images/{number}.png":
             raise kind
         return read(recording, shot)

@@ -273,7 +273,7 @@ def test_tracks_beat_the_shots_that_they_are_made_of(name: str, hits: int) -> No
     if not (SHARED / name).is_dir():
         pytest.skip("the shared recordings are not there")
     job, truth = read_job(SHARED / name), read_truth(SHARED / name)
-    found = [one for number in range(len(job.shots)) for one in job.explain(number)[1].measurements]
+    found = [one for number in range(len(job.shots)) for one in job.explain(number).measurements]
     run = track_recording(job.recording, found, smooth=True)
 
     def offsets(measured: Sequence[PalletMeasurement]) -> dict[tuple[str, float], FloatArray]:

@@ -8,7 +8,7 @@ import pytest
 
 from palletloc.cli.app import run
 from palletloc.geometry import Image
-from palletloc.io.recording import Recording, Shot
+from palletloc.io.recording import Recording, ShotFile
 from palletloc.recording_run import Job
 
 NAMES = ["measurements.csv", "refusals.csv", "run.json"]
@@ -39,11 +39,11 @@ def status() -> dict[str, object]:
     return dict(json.loads(Path("out/run.json").read_text()))
 
 
-def stops_at(number: int, kind: type[BaseException]) -> Callable[[Recording, Shot], Image]:
+def stops_at(number: int, kind: type[BaseException]) -> Callable[[Recording, ShotFile], Image]:
     """Return a reader of images that raises an exception at one shot."""
     read = Recording.image
 
-    def image(recording: Recording, shot: Shot) -> Image:
+    def image(recording: Recording, shot: ShotFile) -> Image:
         if shot.file == f"images/{number}.png":
             raise kind
         return read(recording, shot)

@@ -14,7 +14,7 @@ from palletloc.evaluation.pose_error import from_measurements
 from palletloc.evaluation.run_match import TrueScene, match_run
 from palletloc.geometry import FloatArray, LevelPose, level_pose, wrap_angle
 from palletloc.io.measurements import NoPose, write_measurements
-from palletloc.io.recording import Recording, Shot
+from palletloc.io.recording import Recording, ShotFile
 from palletloc.io.tracks import TrackRow, read_tracks
 from palletloc.io.truth import read_truth
 from palletloc.measurement import PalletMeasurement, YawSource
@@ -46,7 +46,7 @@ def path() -> Trajectory:
 
 
 def recording(count: int = 12) -> Recording:
-    shots = tuple(Shot(0.02 + 0.45 * number, f"{number}.jpg") for number in range(count))
+    shots = tuple(ShotFile(0.02 + 0.45 * number, f"{number}.jpg") for number in range(count))
     mounting = RigidTransform.from_translation([0.3, 0.0, 1.8])
     return Recording(
         Path("aisle"), Equirectangular(64, 32), mounting, ShelfPlane(3.0, 2.0, -1.5), (T11,), shots, path()

@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 from palletloc.errors import PalletLocError
-from palletloc.geometry import Image, LevelPose, level_pose
+from palletloc.geometry import LevelPose, level_pose
 from palletloc.io.images import ImageError
-from palletloc.io.recording import read_recording
+from palletloc.io.recording import Recording, read_recording
 from palletloc.localizer import Localizer
 from palletloc.measurement import PalletMeasurement, YawSource
-from palletloc.recording_run import shelf_at
+from palletloc.pallet import PalletModel
 from palletloc.shelf import ShelfPlane
+from palletloc.shot import Shot
 from tracking.config import MeasurementErrors, TrackerConfig
 from tracking.events import Event, EventKind
 from tracking.motion import Twist
@@ -189,34 +190,41 @@ def test_a_recording_comes_in_order_of_arrival() -> None:
 class Stand(Localizer):
     """Notes where the shelf is said to be."""
 
-    def __init__(self) -> None:
-        recording = read_recording(SAMPLE)
-        super().__init__(recording.camera, recording.mounting, recording.models)
+    def __init__(self, models: Sequence[PalletModel]) -> None:
+        super().__init__(models)
         self.shelves: list[ShelfPlane] = []
-        self.shots: list[tuple[tuple[int, ...], float, str]] = []
+        self.shots: list[Shot] = []
 
-    def localize(self, image: Image, time: float, shelf: ShelfPlane, file: str = "") -> list[PalletMeasurement]:
+    def localize(self, shot: Shot, shelf: ShelfPlane) -> list[PalletMeasurement]:
         self.shelves.append(shelf)
-        self.shots.append((image.shape, time, file))
+        self.shots.append(shot)
         return []
 
 
-def test_the_shelf_is_where_odometry_says_with_the_drift_it_may_have() -> None:
-    recording, stand = read_recording(SAMPLE), Stand()
-    localizer = ShelfLocalizer(stand, recording.shelf, recording.odometry.span[0])
+def stood(start: float | None) -> tuple[Recording, Stand]:
+    """Return the sample and what was asked about its shots, with the plane given at a time."""
+    recording = read_recording(SAMPLE)
+    stand = Stand(recording.models)
+    localizer = ShelfLocalizer(stand, recording.camera, recording.mounting, recording.shelf, start)
     list(stream(RecordingSource(recording), localizer, PalletTracker()))
-    for shelf, one in zip(stand.shelves, recording.shots, strict=True):
-        expected = shelf_at(recording, one.time, stand.config.prior)
+    return recording, stand
+
+
+def test_the_shelf_is_where_odometry_says_with_the_drift_it_may_have() -> None:
+    recording, stand = stood(read_recording(SAMPLE).odometry.span[0])
+    for shelf, shot in zip(stand.shelves, recording, strict=True):
+        expected = recording.shelf_at(shot.time, stand.config.prior)
         assert [shelf.x, shelf.y, shelf.facing] == pytest.approx([expected.x, expected.y, expected.facing], abs=3e-3)
         assert shelf.drift == expected.drift
         assert shelf.levels == recording.shelf.levels
-    camera = recording.camera
-    assert stand.shots == [((camera.height, camera.width, 3), one.time, one.file) for one in recording.shots]
+    for given, shot in zip(stand.shots, recording, strict=True):
+        assert (given.time, given.file, given.camera) == (shot.time, shot.file, recording.camera)
+        assert (given.image == shot.image).all()
+        assert (given.mounting.center == shot.mounting.center).all()
 
 
 def test_without_a_time_the_drift_counts_from_the_first_shot() -> None:
-    recording, stand = read_recording(SAMPLE), Stand()
-    list(stream(RecordingSource(recording), ShelfLocalizer(stand, recording.shelf), PalletTracker()))
+    _, stand = stood(None)
     assert stand.shelves[0].drift == 0.0 < stand.shelves[-1].drift
 
 
@@ -230,8 +238,8 @@ def test_the_example_follows_the_pallets_of_the_sample(capsys: pytest.CaptureFix
     printed = capsys.readouterr().out.splitlines()
     recording, tracker = made["recording"], made["tracker"]
     last = recording.shots[-1]
-    shelf = shelf_at(recording, last.time, made["localizer"].localizer.config.prior)
-    single = made["localizer"].localizer.localize(recording.image(last), last.time, shelf)
+    localizer = made["localizer"].localizer
+    single = localizer.localize(recording.shot(last), recording.shelf_at(last.time, localizer.config.prior))
     states = tracker.tracks(last.time)
     assert sum(line.endswith(" born") for line in printed) == len(states)
     for one in single:

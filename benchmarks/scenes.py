@@ -10,9 +10,9 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from palletloc.choices import CameraKind, Illumination, Side
-from palletloc.config import PriorConfig
 from palletloc.pallet import PalletModel
 from palletloc.pallet_library import load_library
+from palletloc.prior import PriorConfig
 from palletloc.synthetic.aisle import AisleSpec
 from palletloc.synthetic.loads import Load
 from palletloc.synthetic.rig import Sensor

@@ -7,7 +7,8 @@ import re
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 
-from palletloc.config import LocalizerConfig, Method
+from palletloc.choices import Method
+from palletloc.config import LocalizerConfig
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 PIPELINE = (DOCS / "pipeline.md").read_text(encoding="utf-8")

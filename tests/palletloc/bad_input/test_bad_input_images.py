@@ -12,7 +12,7 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from palletloc.candidate import ShotView
-from palletloc.config import Method
+from palletloc.choices import Method
 from palletloc.geometry import Image, LevelPose
 from palletloc.localizer import Explanation, Localizer, Start
 from palletloc.pallet import PalletModel

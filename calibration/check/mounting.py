@@ -89,7 +89,7 @@ class MountingCheck:
         return _turned(self.recording.forklift_from_camera, turn)
 
 
-def check_mounting(recording: Recording, on_progress: Callable[[str], None] = lambda _: None) -> MountingCheck:
+def measure_turn(recording: Recording, on_progress: Callable[[str], None] = lambda _: None) -> MountingCheck:
     """Look for a turn of the camera.
 
     Parameters

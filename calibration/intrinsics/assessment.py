@@ -25,11 +25,19 @@ _RING = np.radians(12.0)
 MAX_BEARING_SIGMA = float(np.radians(0.1))
 """A larger standard deviation of bearings fails, in radians; at the rim of the field it is a warning."""
 _OPEN_BEARING_SIGMA = float(np.radians(1.0))
+"""A larger standard deviation of most bearings, in radians, means that the boards do not tell the lens."""
 _BAD_VIEW, _BAD_VIEW_PX = 2.5, 0.3
+"""A view is bad that has so many times the usual residual, and so many pixels more: one wrong view among good
+ones."""
 _NEIGHBOURS, _NEIGHBOURS_AGREE = 2, 0.35
+"""Corners that each one is compared with, and the correlation from which on the model misfits: noise alone gives
+0."""
 _CORRELATED = 0.99
+"""Two parameters that correlate more are hardly told apart: their sigmas alone are 7 times those together."""
 _LEAST_COVER, _LEAST_REACH = 0.5, 0.7
+"""Part of the sectors that must have a corner, and of the way to the rim: below, the model extrapolates."""
 _HOLD_OUT = 1.5
+"""Views held out may have so many times the residual of the others: a quarter of the shots leave some scatter."""
 _MAX_PLACE, _MAX_TURN = 0.005, float(np.radians(0.1))
 """Larger standard deviations of the back lens's place fail, in metres and radians: the mounting's own limits."""
 _OPEN_PLACE, _OPEN_TURN = 0.1, float(np.radians(2.0))
@@ -41,6 +49,7 @@ AROUND = (
 )
 """What helps where boards leave the place of a lens open."""
 _TILT, _RIM = "tilt the board by 30 degrees and more in several directions", "bring it to the rim of the image"
+"""What helps where boards leave bearings open."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

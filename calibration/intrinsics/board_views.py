@@ -25,11 +25,15 @@ from palletloc.io.images import read_image
 from palletloc.io.reading import read_bytes
 
 _SAME_PX = 1e-3
+"""Views are twins whose corners differ by less: two exposures differ by more, by noise alone."""
 _CHESSBOARD_SIGMA_PX = 0.03
 """The chessboard detector's corners are not better than this; the fit says how much worse."""
 _FOCAL_GUESS, _FAR = 0.4, 100.0
+"""Of a lens that is not known, as a part of its width; and where markers are put along their bearings, in metres."""
 _MARKER_SIGMA_PX, _FEWEST_MARKERS = 0.3, 3
+"""Standard deviation of markers' corners, in pixels; and the fewest markers that tell a board's layout."""
 _WIDEST = float(np.radians(115.0))
+"""Largest angle off axis of a lens that is not known, in radians: enough for lenses that overlap in pairs."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

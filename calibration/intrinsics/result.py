@@ -15,7 +15,9 @@ from palletloc.cameras import CameraModel, DualFisheye, FisheyeLens, KannalaBran
 from palletloc.geometry import FloatArray
 
 _MARGIN = float(np.radians(1.0))
+"""How much farther than its corners a lens sees, in radians: the model is not known beyond."""
 _WIDE_MARGINS = tuple(float(np.radians(angle)) for angle in (20.0, 10.0, 5.0, 2.0, 0.0))
+"""The same to measure corners again, in radians: as far as the numbers describe a lens."""
 
 
 _SEEN_PX = 1e-3

@@ -23,13 +23,17 @@ LOOSE_M, LOOSE_DEG = 0.0075, 0.15
 USELESS_M, USELESS_DEG = 0.07, 0.75
 """Standard deviations above which the result fails."""
 _PRIOR_M, _PRIOR_DEG = 0.65, 13.0
+"""A result farther from what was given fails, in metres and degrees: the search covers 0.5 m and 10 degrees."""
 _LEAST_DISTANCE = 0.3
+"""A nearer plane is taken for a mistake, in metres: the camera would stand in the shelf."""
 _SCALE, _BIAS_DEG_S = 0.02, 1.0
+"""Errors of the odometry that are told: of distances, relative, and of the yaw rate, in degrees per second."""
 _SWEEP = {
     "sweep_flat": "moving the plane by 15 cm, at no distance do clearly more windows of the shots look alike",
     "sweep_at_edge": "moving the plane by 15 cm, the most windows of the shots look alike where the search ends",
     "sweep_ambiguous": "moving the plane by 15 cm, windows of the shots look alike at two distances or more",
 }
+"""Why a sweep is left out, in words."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,7 +13,7 @@ import yaml
 from palletloc.__main__ import COMMANDS
 from palletloc.cli.app import Command
 from palletloc.config import LocalizerConfig, Method
-from palletloc.evaluation.error_table import ERROR_COLUMNS
+from palletloc.evaluation.recording import ERROR_COLUMNS
 from palletloc.io.config_file import read_config
 from palletloc.io.tracks import TRACK_COLUMNS
 from palletloc.measurement import Reason, Stage

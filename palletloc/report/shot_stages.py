@@ -14,7 +14,7 @@ from palletloc.candidate import Candidate, ShotView
 from palletloc.config import Method
 from palletloc.drawing.canvas import as_jpeg
 from palletloc.drawing.stages import Picture, shelf_pictures, step_pictures
-from palletloc.evaluation.estimate import PalletEstimate
+from palletloc.evaluation.pose_error import PalletEstimate
 from palletloc.explained import Named, name_candidates
 from palletloc.geometry import Image
 from palletloc.io.recording import Recording, Shot

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from itertools import groupby
 
@@ -11,12 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
+from benchmarks.run_parts import FAR_BELOW, match_recording
 from palletloc.drawing.canvas import FAINT, GRID, INK, WIDTH_PX, add_axes, add_text, new_figure
-from palletloc.evaluation.errors import EvaluationError, PoseError, TrueFace
-from palletloc.evaluation.estimate import from_measurements
-from palletloc.evaluation.run_match import RunMatch, TrueScene, match_run
-from palletloc.evaluation.summary import FAR_BELOW
-from palletloc.evaluation.time_pairing import TimeRule
+from palletloc.evaluation.pose_error import PoseError, TrueFace
+from palletloc.evaluation.run_match import RunMatch
 from palletloc.geometry import FloatArray
 from palletloc.io.recording import Recording
 from palletloc.io.truth import Truth
@@ -74,8 +71,8 @@ def method_figure(recording: Recording, truth: Truth, runs: Mapping[str, Sequenc
     """
     if not runs:
         raise ValueError("there is no method to draw")
-    compared = {name: _matched(recording, truth, measured) for name, measured in runs.items()}
-    parts = [part for part in _PARTS if any(_views(one, part[1]) for one in compared.values())] or [_PARTS[0]]
+    compared = {name: match_recording(recording, truth, measured) for name, measured in runs.items()}
+    parts = [part for part in _PARTS if any(_views(run, part[1]) for run in compared.values())] or [_PARTS[0]]
     table = _LINE * (len(runs) + 1) + _FOOT
     figure = new_figure(_HEAD + len(_AXES) * _HEIGHT + _BETWEEN + _AXIS + table)
     name = recording.folder.name or "a recording"
@@ -89,8 +86,8 @@ def method_figure(recording: Recording, truth: Truth, runs: Mapping[str, Sequenc
         for row, (label, scale, value) in enumerate(_AXES):
             axes = add_axes(figure, left, top + _TITLE, width, _HEIGHT - _TITLE)
             _prepare(axes, label, len(times))
-            for number, one in enumerate(compared.values()):
-                chosen = _chosen(one, belongs, times)
+            for number, run in enumerate(compared.values()):
+                chosen = _chosen(run, belongs, times)
                 _draw_method(axes, chosen, value, scale, (number, len(runs)), _LEAST[row])
             axes.set_ylim(bottom=_LEAST[row] * 0.8)
             if row == 0:
@@ -101,33 +98,20 @@ def method_figure(recording: Recording, truth: Truth, runs: Mapping[str, Sequenc
     return figure
 
 
-def _matched(recording: Recording, truth: Truth, measured: Sequence[PalletMeasurement]) -> RunMatch:
-    """Match a method's measurements with the truth, which has to cover every shot."""
-    widths = {model.name: model.width for model in recording.models}
-    scene = TrueScene(truth.forklift, truth.pallets, widths, recording.forklift_from_camera)
-    times = [shot.time for shot in recording.shots]
-    match = match_run(times, from_measurements(measured), scene, TimeRule.INTERPOLATED, math.inf)
-    if match.without_truth:
-        raise EvaluationError(
-            f"{recording.folder}: no truth for the shot at {match.without_truth[0]:.6g} s; expected it for every shot"
-        )
-    return match
-
-
-def _views(one: RunMatch, belongs: Callable[[TrueFace], bool]) -> int:
+def _views(run: RunMatch, belongs: Callable[[TrueFace], bool]) -> int:
     """Return how many times a pallet should be found."""
-    return len(_found(one, belongs)) + sum(belongs(face) for shot in one.shots for face in shot.missed)
+    return len(_found(run, belongs)) + sum(belongs(face) for shot in run.shots for face in shot.missed)
 
 
-def _found(one: RunMatch, belongs: Callable[[TrueFace], bool]) -> list[PoseError]:
-    return [error.error for error in one.errors if belongs(error.error.face)]
+def _found(run: RunMatch, belongs: Callable[[TrueFace], bool]) -> list[PoseError]:
+    return [error for error in run.errors if belongs(error.face)]
 
 
 def _chosen(
-    one: RunMatch, belongs: Callable[[TrueFace], bool], times: Sequence[float]
+    run: RunMatch, belongs: Callable[[TrueFace], bool], times: Sequence[float]
 ) -> list[tuple[int, PoseError]]:
     """Return the errors of pallets that have to be found, with the numbers of their shots."""
-    return [(times.index(error.time), error.error) for error in one.errors if belongs(error.error.face)]
+    return [(times.index(error.time), error) for error in run.errors if belongs(error.face)]
 
 
 def _prepare(axes: Axes, label: str, shots: int) -> None:
@@ -182,12 +166,12 @@ def _write_table(
     places = (0.39, 0.68, 0.99)
     for title, place in zip(columns, places, strict=True):
         axes.text(place * width, 0, title, ha="right", va="center", size=8.5, color=FAINT)
-    for row, (name, one) in enumerate(compared.items(), start=1):
+    for row, (name, run) in enumerate(compared.items(), start=1):
         color, mark, line = _STYLES[(row - 1) % len(_STYLES)]
         axes.plot([0, 34], [row, row], color=color, linestyle=line, linewidth=1.8)
         axes.plot(17, row, mark, color=color, markersize=6)
         axes.text(44, row, name, va="center", size=9.5, color=INK, parse_math=False)
-        errors, views = _found(one, belongs), _views(one, belongs)
+        errors, views = _found(run, belongs), _views(run, belongs)
         cells = [f"{len(errors)} of {views}"]
         for (_, scale, value), digits in zip(_AXES, (2, 1), strict=True):
             sizes = np.abs([value(error) for error in errors]) * scale

@@ -9,6 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 from scipy.spatial.transform import RigidTransform
 
+from benchmarks.method_figure import method_figure
 from palletloc.cameras import Equirectangular
 from palletloc.drawing.canvas import png, small_png
 from palletloc.errors import PalletLocError
@@ -16,8 +17,7 @@ from palletloc.geometry import LevelPose, level_pose
 from palletloc.io.recording import Recording, Shot
 from palletloc.io.truth import TruePallet, Truth
 from palletloc.measurement import PalletMeasurement, YawSource
-from palletloc.pallet import PalletModel
-from palletloc.report.method_figure import method_figure
+from palletloc.pallet_library import load_library
 from palletloc.shelf import ShelfPlane
 from palletloc.trajectory import Trajectory
 
@@ -29,11 +29,17 @@ TRUTH = Truth(FORKLIFT, (LOW, HIGH))
 
 
 @pytest.fixture
-def recording(t11: PalletModel) -> Recording:
+def recording() -> Recording:
     mounting = RigidTransform.from_translation([0.3, 0.0, 1.8])
     shots = tuple(Shot(time, f"{time}.jpg") for time in TIMES)
     return Recording(
-        Path("aisle"), Equirectangular(64, 32), mounting, ShelfPlane(3.0, 2.0, -1.5), (t11,), shots, FORKLIFT
+        Path("aisle"),
+        Equirectangular(64, 32),
+        mounting,
+        ShelfPlane(3.0, 2.0, -1.5),
+        (load_library()["t11"],),
+        shots,
+        FORKLIFT,
     )
 
 

@@ -1,16 +1,14 @@
 import numpy as np
 import pytest
 
-from palletloc.evaluation.errors import TrueFace
-from palletloc.evaluation.estimate import PalletEstimate
-from palletloc.evaluation.estimate_error import EstimateError, estimate_error
-from palletloc.evaluation.paired_comparison import compare_runs, paired_difference
+from palletloc.evaluation.comparison import compare_runs, paired_difference
+from palletloc.evaluation.pose_error import PalletEstimate, PoseError, TrueFace, pose_error
 from palletloc.geometry import LevelPose
 
 
-def error(time: float, name: str = "A", depth: float = 0.0, yaw: float = 0.0) -> EstimateError:
+def error(time: float, name: str = "A", depth: float = 0.0, yaw: float = 0.0) -> PoseError:
     face = TrueFace(name, "t11", LevelPose(0, 0, 0, 0), 2.0, 1.0, True)
-    return estimate_error(time, PalletEstimate(time, "t11", LevelPose(depth, 0, 0, yaw), np.eye(4)), face)
+    return pose_error(time, PalletEstimate(time, "t11", LevelPose(depth, 0, 0, yaw), np.eye(4)), face)
 
 
 def test_differences_are_of_absolute_errors_second_minus_first() -> None:

@@ -1,37 +1,136 @@
-"""A run against the truth of its recording: all errors, and how they are to be judged."""
+"""A run: its files, its errors against the truth of its recording, and how they compare with another run's."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from palletloc.evaluation.breakdown import by_stop
-from palletloc.evaluation.errors import EvaluationError, Sight, by_shot, true_faces
-from palletloc.evaluation.estimate import PalletEstimate
-from palletloc.evaluation.estimate_error import EstimateError, offsets
+from palletloc.evaluation.comparison import RunComparison, compare_runs
 from palletloc.evaluation.iso9283 import StopAccuracy, stop_accuracy
+from palletloc.evaluation.pose_error import (
+    EvaluationError,
+    PalletEstimate,
+    PoseError,
+    Visibility,
+    from_measurements,
+    offsets,
+    true_faces,
+)
 from palletloc.evaluation.requirement import Requirement, RequirementCheck, check_requirement
-from palletloc.evaluation.run_files import RunFiles
-from palletloc.evaluation.run_match import NEAREST_LIMIT, TrueScene, match_run
-from palletloc.evaluation.shot_match import Detection, ShotMatch, detection, match_shot
-from palletloc.evaluation.time_pairing import TimeRule, nearest_pairs
+from palletloc.evaluation.run_match import (
+    NEAREST_LIMIT,
+    SAME_TIME,
+    DetectionRate,
+    ShotMatch,
+    TrueScene,
+    by_shot,
+    detection,
+    match_run,
+    match_shot,
+)
+from palletloc.evaluation.time_pairing import TimeRule, nearest_pairs, require_overlap
 from palletloc.evaluation.truth import RecordingTruth
 from palletloc.geometry import LevelPose
+from palletloc.io.measurements import read_measurements
+from palletloc.io.recording import Recording
+from palletloc.io.tracks import TRACKS, TrackRow, read_tracks
 from palletloc.io.truth import path_file
+from palletloc.measurement import PalletMeasurement
 from palletloc.survey.truth import SurveyedStop
+from palletloc.track_status import Status
 
+MEASUREMENTS = "measurements.csv"
+"""Name of the file that a run must have."""
+SHOTS_SOURCE, TRACKS_SOURCE = "measurements", "tracks"
+"""Names of the sources of estimates: single shots, and tracks."""
 INTERPOLATED_LIMIT = 0.5
 """How far apart the truth's samples on both sides of a shot may be, in seconds, where nothing else is asked."""
+SEED = 0
+"""Of the bootstrap: the same runs give the same intervals."""
+RESAMPLES = 2000
+"""How many bootstrap samples are drawn."""
 _FORKLIFT = LevelPose(0.0, 0.0, 0.0, 0.0)
+"""The forklift's pose where poses of pallets are given in its own frame."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RunFiles:
+    """What a run says of a recording."""
+
+    name: str
+    """What it is called in results."""
+    folder: Path
+    """Where it is."""
+    sources: Mapping[str, Sequence[PalletEstimate]]
+    """The estimates of single shots and, where the run has them, of tracks that are believed."""
+
+
+def read_run(folder: str | Path, recording: Recording, name: str = "") -> RunFiles:
+    """Read a run's estimates and check that they are of the recording.
+
+    Parameters
+    ----------
+    folder : str or Path
+        With measurements.csv and, if the pallets were tracked, tracks.csv.
+    recording : Recording
+        Gives the shots.
+    name : str
+        What to call the run; the folder's name if empty.
+
+    Returns
+    -------
+    RunFiles
+        Without rows that hold no pose, and without tentative tracks: these do not claim to be a pallet yet.
+
+    Raises
+    ------
+    PalletLocError
+        If a file is missing or wrong, or has no pose, or a pose is of no shot.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise EvaluationError(f"{folder}: no such folder; expected {MEASUREMENTS} in it")
+    path = folder / MEASUREMENTS
+    measured = from_measurements(row for row in read_measurements(path) if isinstance(row, PalletMeasurement))
+    if not measured:
+        raise EvaluationError(f"{path}: has no pose of a pallet; expected at least one")
+    sources = {SHOTS_SOURCE: measured}
+    _check_times(path, measured, recording)
+    if (folder / TRACKS).exists():
+        path = folder / TRACKS
+        rows = [_estimate(row) for row in read_tracks(path)]
+        if not rows:
+            raise EvaluationError(f"{path}: has no rows; expected at least one track")
+        _check_times(path, rows, recording)
+        sources[TRACKS_SOURCE] = [row for row in rows if row.state != Status.TENTATIVE]
+    return RunFiles(name or folder.resolve().name, folder, sources)
+
+
+def _estimate(row: TrackRow) -> PalletEstimate:
+    return PalletEstimate(row.time, row.model, row.pose, row.covariance, str(row.track), str(row.status))
+
+
+def _check_times(path: Path, estimates: Sequence[PalletEstimate], recording: Recording) -> None:
+    shots = np.array([shot.time for shot in recording.shots])
+    require_overlap(np.array([estimate.time for estimate in estimates]), shots, (str(path), "shots"), slack=SAME_TIME)
+    for estimate in estimates:
+        nearest = float(shots[np.abs(shots - estimate.time).argmin()])
+        if abs(nearest - estimate.time) > SAME_TIME:
+            raise EvaluationError(
+                f"{path}: the pose at {estimate.time:.6g} s is of no shot; the nearest is at {nearest:.6g} s;"
+                " is it a run over this recording?"
+            )
 
 
 @dataclass(frozen=True, slots=True)
 class Settings:
     """How to evaluate."""
 
-    sight: Sight = field(default_factory=Sight)
+    visibility: Visibility = field(default_factory=Visibility)
     """Which pallets have to be found."""
     rule: TimeRule = TimeRule.NEAREST
     """How the truth is taken for a shot's time."""
@@ -55,7 +154,7 @@ class StopErrors:
     """When, in seconds."""
     pallet: str
     """Id of the pallet."""
-    errors: tuple[EstimateError, ...]
+    errors: tuple[PoseError, ...]
     """Against the surveyed pose, with its covariance: one for each shot at the stop."""
 
     @property
@@ -76,12 +175,12 @@ class EvaluatedSource:
     """The verdict; missed pallets are left out."""
 
     @property
-    def errors(self) -> tuple[EstimateError, ...]:
+    def errors(self) -> tuple[PoseError, ...]:
         """Of the pallets that have to be found, in the order of time."""
         return tuple(error for shot in self.shots for error in shot.errors)
 
     @property
-    def detection(self) -> Detection:
+    def detection(self) -> DetectionRate:
         """What was found, missed and false."""
         return detection(self.shots)
 
@@ -143,14 +242,14 @@ def evaluate_run(truth: RecordingTruth, run: RunFiles, settings: Settings | None
                 truth.pallets,
                 truth.widths,
                 truth.recording.forklift_from_camera,
-                asked.sight,
+                asked.visibility,
                 name=str(path_file(folder) or "truth"),
             )
             match = match_run(times, estimates, scene, asked.rule, asked.limit)
             shots, largest, left_out = match.shots, match.largest, match.without_truth
         if not shots:
             raise EvaluationError(_no_truth(truth, asked))
-        check = check_requirement(offsets([one for shot in shots for one in shot.errors]), asked.requirement)
+        check = check_requirement(offsets([error for shot in shots for error in shot.errors]), asked.requirement)
         sources[name] = EvaluatedSource(shots, _by_stop(truth, at_stops, asked), check)
     return EvaluatedRun(run, sources, largest, left_out)
 
@@ -173,7 +272,7 @@ def _shots_at_stops(
     pairs = nearest_pairs(np.array(times), np.array([stop.time for stop in stops]), asked.stop_limit)
     shots = by_shot(times, estimates)
     return [
-        _match_surveyed(truth, stops[stop], times[shot], shots[shot], asked.sight)
+        _match_surveyed(truth, stops[stop], times[shot], shots[shot], asked.visibility)
         for shot, stop in zip(pairs.first, pairs.second, strict=True)
     ]
 
@@ -188,11 +287,11 @@ class _AtForklift:
 
 
 def _match_surveyed(
-    truth: RecordingTruth, stop: SurveyedStop, time: float, found: Sequence[PalletEstimate], sight: Sight
+    truth: RecordingTruth, stop: SurveyedStop, time: float, found: Sequence[PalletEstimate], visibility: Visibility
 ) -> ShotMatch:
     models = {pallet.id: pallet.model for pallet in truth.pallets}
     placed = [_AtForklift(pose.id, models[pose.id], pose.forklift_from_pallet) for pose in stop.poses]
-    faces = true_faces(placed, truth.widths, _FORKLIFT, truth.recording.forklift_from_camera, sight)
+    faces = true_faces(placed, truth.widths, _FORKLIFT, truth.recording.forklift_from_camera, visibility)
     return match_shot(time, found, faces, {pose.id: pose.covariance for pose in stop.poses})
 
 
@@ -200,6 +299,46 @@ def _by_stop(truth: RecordingTruth, shots: Sequence[ShotMatch], asked: Settings)
     if truth.surveyed is None:
         return ()
     times = {stop.name: stop.time for stop in truth.surveyed.stops}
-    errors = [one for shot in shots for one in shot.errors]
+    errors = [error for shot in shots for error in shot.errors]
     groups = by_stop(errors, times, asked.stop_limit)
     return tuple(StopErrors(stop, times[stop], pallet, group) for (stop, pallet), group in groups.items())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ComparedRuns:
+    """One source of two runs, paired by shot and pallet."""
+
+    first: str
+    """Name of the run that is compared with."""
+    second: str
+    """Name of the run that is compared."""
+    source: str
+    """Name of the source that both have."""
+    comparison: RunComparison
+    """Second minus first."""
+
+
+def side_by_side(runs: Sequence[EvaluatedRun]) -> tuple[ComparedRuns, ...]:
+    """Compare every run with the first one, for each source that both have.
+
+    Parameters
+    ----------
+    runs : sequence of EvaluatedRun
+        Over one recording, with the same settings.
+
+    Returns
+    -------
+    tuple of ComparedRuns
+        Empty for a single run.
+    """
+    return tuple(
+        ComparedRuns(
+            runs[0].files.name,
+            run.files.name,
+            name,
+            compare_runs(runs[0].sources[name].errors, source.errors, resamples=RESAMPLES, seed=SEED),
+        )
+        for run in runs[1:]
+        for name, source in run.sources.items()
+        if name in runs[0].sources
+    )

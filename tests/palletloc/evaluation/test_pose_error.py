@@ -2,13 +2,27 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import RigidTransform
 
-from palletloc.evaluation.errors import TrueFace
-from palletloc.evaluation.estimate import PalletEstimate, from_measurements, without_state
-from palletloc.evaluation.estimate_error import COMPONENTS, EstimateError, estimate_error, offsets
+from palletloc.evaluation.pose_error import (
+    COMPONENTS,
+    EvaluationError,
+    PalletEstimate,
+    PoseError,
+    TrueFace,
+    Visibility,
+    from_measurements,
+    offsets,
+    pose_error,
+    true_faces,
+)
 from palletloc.geometry import FloatArray, LevelPose, level_pose
+from palletloc.io.truth import TruePallet
 from palletloc.measurement import PalletMeasurement, YawSource
 
+WIDTHS = {"t11": 1.1}
+CAMERA = RigidTransform.from_translation([0.3, 0.0, 1.8])
+AT_HOME = LevelPose(0.0, 0.0, 0.0, 0.0)
 TRUE = LevelPose(1.0, 2.0, 0.1, 0.7)
 SMALL = 1e-4 * np.eye(4)
 
@@ -18,9 +32,9 @@ places = st.floats(-5, 5)
 
 def compared(
     found: LevelPose, true: LevelPose = TRUE, covariance: FloatArray = SMALL, of_truth: FloatArray | None = None
-) -> EstimateError:
+) -> PoseError:
     face = TrueFace("A", "t11", true, 2.0, 1.0, True)
-    return estimate_error(1.5, PalletEstimate(1.5, "t11", found, covariance), face, of_truth)
+    return pose_error(1.5, PalletEstimate(1.5, "t11", found, covariance), face, of_truth)
 
 
 def turned(covariance: FloatArray, yaw: float) -> FloatArray:
@@ -82,6 +96,22 @@ def test_without_a_covariance_of_the_truth_both_nees_are_equal() -> None:
     assert error.nees == error.nees_with_truth > 0
 
 
+def test_errors_are_in_the_pallets_own_axes() -> None:
+    # a pallet to the left: its x points along the forklift's y, its y along -x
+    error = compared(LevelPose(1.02, 2.03, 0.14, np.pi / 2 - 0.05), LevelPose(1.0, 2.0, 0.1, np.pi / 2))
+    assert (error.depth, error.along, error.height, error.yaw) == pytest.approx((0.03, -0.02, 0.04, -0.05))
+
+
+def test_yaw_errors_take_the_short_way() -> None:
+    assert compared(LevelPose(1, 1, 0, -3.1), LevelPose(1, 1, 0, 3.1)).yaw == pytest.approx(2 * np.pi - 6.2)
+
+
+def test_nees_counts_each_error_in_its_own_sigma() -> None:
+    sigma = np.array([0.01, 0.02, 0.005, 0.003])
+    off = LevelPose(1 + 0.01, 2 - 2 * 0.02, 0.0, 0.5 + 3 * 0.003)
+    assert compared(off, LevelPose(1, 2, 0, 0.5), np.diag(sigma**2)).nees == pytest.approx(1 + 4 + 9)
+
+
 def test_nees_is_four_on_average_only_with_the_uncertainty_of_the_truth() -> None:
     rng = np.random.default_rng(7)
     root, of_truth = rng.normal(size=(2, 4, 4)) * 0.01
@@ -90,8 +120,19 @@ def test_nees_is_four_on_average_only_with_the_uncertainty_of_the_truth() -> Non
         surveyed = LevelPose(*(TRUE.as_array() + of_truth @ rng.normal(size=4)))
         found = LevelPose(*(TRUE.as_array() + root @ rng.normal(size=4)))
         errors.append(compared(found, surveyed, root @ root.T, of_truth @ of_truth.T))
-    assert np.mean([one.nees_with_truth for one in errors]) == pytest.approx(4, abs=4 * np.sqrt(8 / 1500))
-    assert np.mean([one.nees for one in errors]) > 6
+    assert np.mean([error.nees_with_truth for error in errors]) == pytest.approx(4, abs=4 * np.sqrt(8 / 1500))
+    assert np.mean([error.nees for error in errors]) > 6
+
+
+@pytest.mark.parametrize("worst", [0.0, -1e-6])
+def test_a_covariance_that_is_none_has_no_finite_nees(worst: float) -> None:
+    assert compared(AT_HOME, AT_HOME, np.diag([1e-4, 1e-4, 1e-4, worst])).nees == np.inf
+
+
+def test_the_right_model_is_told_from_another() -> None:
+    face = TrueFace("A", "t11", TRUE, 2.0, 1.0, True)
+    for model, same in (("t11", True), ("epal1-800", False)):
+        assert pose_error(0.0, PalletEstimate(0.0, model, TRUE, SMALL), face).same_model is same
 
 
 def test_offsets_are_rows_in_the_order_of_the_components() -> None:
@@ -107,6 +148,42 @@ def test_measurements_become_estimates_without_a_track() -> None:
     assert (one.track, one.state) == ("", "")
 
 
-def test_tentative_tracks_can_be_left_out() -> None:
-    rows = [PalletEstimate(0.0, "t11", TRUE, SMALL, "1", state) for state in ("tentative", "confirmed", "coasting")]
-    assert [one.state for one in without_state(rows)] == ["confirmed", "coasting"]
+def pallet(pose: LevelPose, name: str = "A") -> TruePallet:
+    return TruePallet(name, "t11", pose)
+
+
+def seen(pose: LevelPose, visibility: Visibility | None = None) -> TrueFace:
+    return true_faces([pallet(pose)], WIDTHS, AT_HOME, CAMERA, visibility)[0]
+
+
+def test_faces_stand_where_the_forklift_sees_them() -> None:
+    # the forklift looks along world y; the pallet is 2 m ahead and 1 m to its left
+    home = LevelPose(5.0, 1.0, 0.0, np.pi / 2)
+    (face,) = true_faces([pallet(LevelPose(4.0, 3.0, 0.2, np.pi))], WIDTHS, home, CAMERA)
+    assert face.forklift_from_pallet.as_array() == pytest.approx([2.0, 1.0, 0.2, np.pi / 2])
+    assert face.below == pytest.approx(1.6)
+    assert face.range == pytest.approx(np.sqrt(1.7**2 + 1.0 + 1.6**2))
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_visible_is_what_lies_wholly_beside_the_camera(side: int) -> None:
+    yaw = side * np.pi / 2
+    assert seen(LevelPose(1.3, side * 2.0, 0.0, yaw)).visible
+    assert not seen(LevelPose(4.9, side * 2.0, 0.0, yaw)).visible  # too far
+    assert seen(LevelPose(4.9, side * 2.0, 0.0, yaw), Visibility(max_range=9)).visible
+    # ends at 0.55 m before and behind: 116 degrees lie at 0.976 m behind the camera's side
+    assert seen(LevelPose(0.3 - 0.40, side * 2.0, 0.0, yaw)).visible
+    assert not seen(LevelPose(0.3 - 0.45, side * 2.0, 0.0, yaw)).visible
+    # right ahead, one end is on the other side
+    assert not seen(LevelPose(3.0, side * 0.5, 0.0, 0.0)).visible
+
+
+def test_range_counts_from_the_camera_to_the_middle_of_the_lower_edge() -> None:
+    pose = LevelPose(0.3, 2.0, 1.8, np.pi / 2)
+    assert seen(pose, Visibility(max_range=2.001)).visible
+    assert not seen(pose, Visibility(max_range=1.999)).visible
+
+
+def test_a_model_without_a_width_is_named() -> None:
+    with pytest.raises(EvaluationError, match=r"'A': unknown model 't11'; did you mean 't11x'\?"):
+        true_faces([pallet(AT_HOME)], {"t11x": 1.1}, AT_HOME, CAMERA)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palletloc.evaluation.estimate_error import COMPONENTS, EstimateError
+from palletloc.evaluation.pose_error import COMPONENTS, PoseError
 from palletloc.geometry import FloatArray
 
 View = tuple[float, str]
@@ -16,7 +16,7 @@ View = tuple[float, str]
 
 
 @dataclass(frozen=True, slots=True)
-class Difference:
+class PairedDifference:
     """How much larger the absolute errors of the second run are; negative where it is the better one."""
 
     mean: float
@@ -45,13 +45,13 @@ class RunComparison:
     """Views that only the second run has."""
     confidence: float
     """Of the intervals."""
-    differences: dict[str, Difference]
+    differences: dict[str, PairedDifference]
     """By component: depth, along and height in metres, yaw in radians. Empty without a common view."""
 
 
 def compare_runs(
-    first: Iterable[EstimateError],
-    second: Iterable[EstimateError],
+    first: Iterable[PoseError],
+    second: Iterable[PoseError],
     confidence: float = 0.95,
     resamples: int = 2000,
     seed: int | np.random.Generator = 0,
@@ -60,7 +60,7 @@ def compare_runs(
 
     Parameters
     ----------
-    first, second : iterable of EstimateError
+    first, second : iterable of PoseError
         Of the same recording, matched with the same shots. Use `paired_difference` for several recordings.
     confidence : float
         Of the intervals, 0 to 1.
@@ -93,13 +93,13 @@ def compare_runs(
     return RunComparison(len(common), len(np.unique(times)), only[0], only[1], confidence, differences)
 
 
-def _by_view(errors: Iterable[EstimateError]) -> dict[View, EstimateError]:
-    views: dict[View, EstimateError] = {}
-    for one in errors:
-        view = (one.time, one.error.face.id)
+def _by_view(errors: Iterable[PoseError]) -> dict[View, PoseError]:
+    views: dict[View, PoseError] = {}
+    for error in errors:
+        view = (error.time, error.face.id)
         if view in views:
             raise ValueError(f"pallet '{view[1]}' stands twice in the shot at {view[0]:.6g} s; expected one estimate")
-        views[view] = one
+        views[view] = error
     return views
 
 
@@ -110,7 +110,7 @@ def paired_difference(
     confidence: float = 0.95,
     resamples: int = 2000,
     seed: int | np.random.Generator = 0,
-) -> Difference:
+) -> PairedDifference:
     r"""Return the mean difference of paired values with a bootstrap interval.
 
     All values of a shot are drawn together, since they share the shot's errors: with
@@ -130,7 +130,7 @@ def paired_difference(
 
     Returns
     -------
-    Difference
+    PairedDifference
         Second minus first.
     """
     apart = np.asarray(second, dtype=np.float64) - np.asarray(first, dtype=np.float64)
@@ -139,7 +139,7 @@ def paired_difference(
     counts = np.bincount(of_shot).astype(np.float64)
     mean = float(sums.sum() / counts.sum())
     low, high = _interval(sums, counts, mean, confidence, resamples, np.random.default_rng(seed))
-    return Difference(mean, low, high, int((apart < 0).sum()), int((apart > 0).sum()))
+    return PairedDifference(mean, low, high, int((apart < 0).sum()), int((apart > 0).sum()))
 
 
 def _interval(

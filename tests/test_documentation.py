@@ -11,8 +11,9 @@ import typer
 import yaml
 
 from palletloc.__main__ import COMMANDS
+from palletloc.choices import Method
 from palletloc.cli.app import Command
-from palletloc.config import LocalizerConfig, Method
+from palletloc.config import LocalizerConfig
 from palletloc.evaluation.recording import ERROR_COLUMNS
 from palletloc.io.config_file import read_config
 from palletloc.io.tracks import TRACK_COLUMNS

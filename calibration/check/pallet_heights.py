@@ -105,7 +105,7 @@ def see_heights(survey: ShelfSurvey) -> HeightSights | None:
     owner = survey.observed.pallet_of
     heights = np.array([float(np.median(seen[owner == i])) for i in range(len(solution.pallets))])
     config = replace(LocalizerConfig(), prior=replace(LocalizerConfig().prior, free_sigma=_FREE))
-    localizer = Localizer(recording.camera, recording.mounting, recording.models, config=config)
+    localizer = Localizer(recording.models, config=config)
     shots = np.unique([sight.shot for sight in survey.observed.pallets])
     rows: list[tuple[float, ...]] = []
     for number in shots[np.unique(np.linspace(0, len(shots) - 1, _MOST_SHOTS).round().astype(int))]:
@@ -117,7 +117,7 @@ def see_heights(survey: ShelfSurvey) -> HeightSights | None:
             for i, (x, y, yaw) in zip(mine, there, strict=True)
         ]
         shot = recording.shots[survey.shots[int(number)]]
-        found = localizer.localize_from(recording.image(shot), shot.time, starts, (), shot.file)
+        found = localizer.localize_from(recording.shot(shot), starts)
         for i, place, measurement in zip(mine, there, found, strict=True):
             if measurement is not None and measurement.model == survey.models[i].name:
                 rows.append(

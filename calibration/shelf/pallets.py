@@ -14,7 +14,6 @@ from palletloc.errors import PalletLocError
 from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 from palletloc.io.recording import Recording
 from palletloc.localizer import Localizer
-from palletloc.offline import shelf_at
 from palletloc.shelf import ShelfPlane
 
 _MIN_SCORE = 0.8
@@ -141,7 +140,7 @@ def _look(
     shelves = []
     for number, index in numbered:
         with suppress(PalletLocError):
-            shelves.append((number, index, shelf_at(moved, recording.shots[index].time, LocalizerConfig().prior)))
+            shelves.append((number, index, moved.shelf_at(recording.shots[index].time)))
     return _localized(recording, shelves, reach)
 
 
@@ -151,13 +150,12 @@ def _localized(
     config = LocalizerConfig()
     detection = replace(config.detection, plane_depth=reach.depth, plane_yaw_deg=float(np.degrees(reach.yaw)))
     config = replace(config, detection=detection)
-    localizer = Localizer(recording.camera, recording.mounting, recording.models, config=config)
+    localizer = Localizer(recording.models, config=config)
     keep = np.ix_([0, 1, 3], [0, 1, 3])
     seen: list[PalletSight] = []
     for number, index, shelf in numbered:
-        shot = recording.shots[index]
         try:
-            found = localizer.localize(recording.image(shot), shot.time, shelf, shot.file)
+            found = localizer.localize(recording.shot(recording.shots[index]), shelf)
         except PalletLocError:  # a shot that cannot be used: too near, or damaged; others may do
             continue
         seen += [

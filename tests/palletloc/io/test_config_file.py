@@ -12,9 +12,9 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from palletloc.horizontal_view import BoundaryMethod
 
 from palletloc.config import LocalizerConfig
-from palletloc.horizontal_view import BoundaryMethod
 from palletloc.io.config_file import _RANGES, format_config, read_config
 from palletloc.io.reading import InputError
 

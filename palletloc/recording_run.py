@@ -8,23 +8,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 
-from palletloc.config import LocalizerConfig, Method, PriorConfig
+from palletloc.candidate import Fit
+from palletloc.choices import Method
+from palletloc.config import LocalizerConfig
 from palletloc.errors import PalletLocError, nearest_name
-from palletloc.geometry import Image
 from palletloc.io.csv_table import read_rows, shortened
 from palletloc.io.measurements import NoPose
-from palletloc.io.recording import ODOMETRY, Recording, Shot, check_shelf, read_recording
+from palletloc.io.recording import Recording, ShotError, ShotFile, check_shelf, read_recording
 from palletloc.io.run_folder import RunFolder
 from palletloc.io.starts import START_COLUMNS, ShotStarts, read_starts
-from palletloc.localizer import Explanation, Localizer, Start, measurement_of
+from palletloc.localizer import Explanation, Localizer, Start
 from palletloc.measurement import PalletMeasurement
-from palletloc.shelf import ShelfPlane
 from palletloc.shelf_view import ShelfPlaneError
 from palletloc.trajectory import TrajectoryError
-
-
-class ShotError(PalletLocError):
-    """A shot that cannot be used although its image can be read; names the file and what was expected."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,11 +35,11 @@ class Job:
     """Starts in place of detections; None to detect."""
 
     @property
-    def shots(self) -> tuple[Shot, ...]:
+    def shots(self) -> tuple[ShotFile, ...]:
         """What there is to do; with given starts in the order of their file, where a shot may come back."""
-        return self.recording.shots if self.given is None else tuple(one.shot for one in self.given)
+        return self.recording.shots if self.given is None else tuple(given.shot for given in self.given)
 
-    def explain(self, number: int) -> tuple[Image, Explanation]:
+    def explain(self, number: int) -> Explanation:
         """Read a shot and localize its pallets.
 
         Parameters
@@ -53,9 +49,7 @@ class Job:
 
         Returns
         -------
-        image : (height, width, 3) array of uint8
-            The shot, in blue-green-red order.
-        explanation : Explanation
+        Explanation
             What was found in it, stage by stage.
 
         Raises
@@ -65,15 +59,13 @@ class Job:
         ShotError
             If the odometry does not reach it, or the camera is not before the shelf.
         """
-        shot = self.shots[number]
-        image = self.recording.image(shot)
+        shot = self.recording.shot(self.shots[number])
         if self.given is not None:
-            starts = [Start(one.model, one.forklift_from_pallet) for one in self.given[number].starts]
-            levels = self.recording.shelf.levels
-            return image, self.localizer.explain_from(image, shot.time, starts, levels, shot.file)
-        shelf = shelf_at(self.recording, shot.time, self.localizer.config.prior)
+            starts = [Start(start.model, start.forklift_from_pallet) for start in self.given[number].starts]
+            return self.localizer.explain_from(shot, starts, self.recording.shelf.levels)
+        shelf = self.recording.shelf_at(shot.time, self.localizer.config.prior)
         try:
-            return image, self.localizer.explain(image, shot.time, shelf, shot.file)
+            return self.localizer.explain(shot, shelf)
         except ShelfPlaneError as error:
             raise ShotError(f"{self.recording.folder / shot.file}: {error}") from error
 
@@ -81,10 +73,12 @@ class Job:
         """Return a shot's rows of measurements.csv: with given starts, one for each in order."""
         if self.given is None:
             return list(explanation.measurements)
-        time, file = explanation.time, explanation.file
+        shot = explanation.shot
         return [
-            measurement_of(candidate, time, file) or NoPose(time, candidate.model.name, file)
-            for candidate in explanation.candidates
+            outcome.measurement(shot)
+            if isinstance(outcome, Fit)
+            else NoPose(shot.time, outcome.candidate.model.name, shot.file)
+            for outcome in explanation.outcomes
         ]
 
 
@@ -125,8 +119,7 @@ def read_job(
     if initial is not None:
         _check_models(initial, [model.name for model in recording.models])
         given = read_starts(initial, recording.shots)
-    localizer = Localizer(recording.camera, recording.mounting, recording.models, method, config)
-    return Job(recording, localizer, given)
+    return Job(recording, Localizer(recording.models, method, config), given)
 
 
 def _check_models(initial: Path, known: Collection[str]) -> None:
@@ -138,43 +131,13 @@ def _check_models(initial: Path, known: Collection[str]) -> None:
             )
 
 
-def shelf_at(recording: Recording, time: float, prior: PriorConfig) -> ShelfPlane:
-    """Carry the nominal shelf plane to a time by odometry.
-
-    Parameters
-    ----------
-    recording : Recording
-        With the plane in odom.
-    time : float
-        In seconds.
-    prior : PriorConfig
-        How fast the odometry's heading may drift.
-
-    Returns
-    -------
-    ShelfPlane
-        In the forklift frame at that time, with the drift that the heading may have by then.
-
-    Raises
-    ------
-    ShotError
-        If the odometry does not reach that time.
-    """
-    try:
-        odom_from_forklift = recording.odometry.pose_at(time)
-    except TrajectoryError as error:
-        raise ShotError(f"{recording.folder / ODOMETRY}: {error}") from error
-    start, _ = recording.odometry.span
-    return recording.shelf.seen_from(odom_from_forklift, prior.drift_after(time - start))
-
-
 @dataclass(frozen=True, slots=True, eq=False)
-class Outcome:
+class ShotOutcome:
     """What became of one shot."""
 
     number: int
     """Index into the job's shots."""
-    shot: Shot
+    shot: ShotFile
     """The shot."""
     duration: float
     """How long it took, in seconds."""
@@ -186,7 +149,7 @@ class Outcome:
     """Why it was skipped, in one line."""
 
 
-def work_through(job: Job, output: RunFolder, *, strict: bool = False) -> Iterator[Outcome]:
+def work_through(job: Job, output: RunFolder, *, strict: bool = False) -> Iterator[ShotOutcome]:
     """Localize the pallets of every shot that is left to do, and keep the rows.
 
     A shot that cannot be used is noted and passed over as soon as another one could be used: where none can,
@@ -203,7 +166,7 @@ def work_through(job: Job, output: RunFolder, *, strict: bool = False) -> Iterat
 
     Yields
     ------
-    Outcome
+    ShotOutcome
         One for each shot, when its rows are kept.
 
     Raises
@@ -211,40 +174,40 @@ def work_through(job: Job, output: RunFolder, *, strict: bool = False) -> Iterat
     PalletLocError
         If no shot can be used, with `strict` if one cannot, or if the output cannot be written.
     """
-    held: list[Outcome] = []
+    held: list[ShotOutcome] = []
     for number, shot in output.remaining():
         outcome = _worked(job, number, shot, strict)
         held.append(outcome)
         if not output.done and outcome.problem:
             continue
-        for one in held:
-            _keep(one, output)
-            yield one
+        for done in held:
+            _keep(done, output)
+            yield done
         held.clear()
     if held:
         raise _useless(job, held)
 
 
-def _worked(job: Job, number: int, shot: Shot, strict: bool) -> Outcome:
+def _worked(job: Job, number: int, shot: ShotFile, strict: bool) -> ShotOutcome:
     started = perf_counter()
     try:
-        _, explanation = job.explain(number)
+        explanation = job.explain(number)
     except PalletLocError as error:
         if strict:
             raise
-        return Outcome(number, shot, perf_counter() - started, problem=str(error))
+        return ShotOutcome(number, shot, perf_counter() - started, problem=str(error))
     rows = tuple(job.rows(explanation))
-    return Outcome(number, shot, perf_counter() - started, rows, explanation)
+    return ShotOutcome(number, shot, perf_counter() - started, rows, explanation)
 
 
-def _keep(outcome: Outcome, output: RunFolder) -> None:
+def _keep(outcome: ShotOutcome, output: RunFolder) -> None:
     if outcome.explanation is None:
         output.skip(outcome.number, outcome.problem)
     else:
         output.add(outcome.number, outcome.rows, outcome.explanation.refusals)
 
 
-def _useless(job: Job, skipped: list[Outcome]) -> ShotError:
+def _useless(job: Job, skipped: list[ShotOutcome]) -> ShotError:
     """Return the error about a recording of which no shot can be used."""
     first = skipped[0].problem
     if len(skipped) == 1:

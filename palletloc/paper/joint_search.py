@@ -8,14 +8,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform
 
-from palletloc.geometry import FloatArray, Image, LevelPose, wrap_angle
+from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 from palletloc.matching import edge_energy
 from palletloc.measurement import Reason
 from palletloc.pallet import PalletModel
-from palletloc.plane import PALLET_FROM_VERTICAL, PlaneGrid, place_plane
-from palletloc.projection import Projector
+from palletloc.plane import PALLET_FROM_VERTICAL
+from palletloc.shot import MIN_DISTANCE, Shot
 from palletloc.template import FacePlacement, face_template, match_template
 
 
@@ -60,23 +59,14 @@ class JointSearch:
 
 
 def search_jointly(
-    projector: Projector,
-    image: Image,
-    camera_from_forklift: RigidTransform,
-    start: LevelPose,
-    model: PalletModel,
-    config: JointSearchConfig,
+    shot: Shot, start: LevelPose, model: PalletModel, config: JointSearchConfig
 ) -> JointSearch | Reason:
     """Search yaw and distance together.
 
     Parameters
     ----------
-    projector : Projector
-        Of the camera that took the image.
-    image : Image
+    shot : Shot
         The shot.
-    camera_from_forklift : RigidTransform
-        Inverse of the camera's mounting.
     start : LevelPose
         ``forklift_from_pallet``.
     model : PalletModel
@@ -95,10 +85,10 @@ def search_jointly(
     best, pose = -np.inf, start
     for i, turn in enumerate(turns):
         for k, depth in enumerate(depths):
-            base = _slid(start, camera_from_forklift, float(turn), float(depth))
+            base = _slid(start, shot.mounting.center, float(turn), float(depth))
             if base is None:
                 return Reason.BEHIND_FACE
-            score[i, k], place = _match(projector, image, camera_from_forklift, base, model, config)
+            score[i, k], place = _match(shot, base, model, config)
             if score[i, k] > best:
                 best, pose = score[i, k], place
     if best < config.min_score:
@@ -106,32 +96,23 @@ def search_jointly(
     return JointSearch(turns, depths, score, pose, float(best))
 
 
-def _slid(start: LevelPose, camera_from_forklift: RigidTransform, turn: float, depth: float) -> LevelPose | None:
+def _slid(start: LevelPose, center: FloatArray, turn: float, depth: float) -> LevelPose | None:
     """Return the start moved along its viewing ray and turned; None where that leaves the camera's front."""
-    center = np.asarray(camera_from_forklift.inv().translation)
     point = np.array([start.x, start.y, start.z])
     distance = (point - center)[:2] @ np.array([np.cos(start.yaw), np.sin(start.yaw)])
-    if distance + depth < 0.2:
+    if distance + depth < MIN_DISTANCE:
         return None
     x, y, z = center + (point - center) * (1 + depth / distance)
     return LevelPose(float(x), float(y), float(z), wrap_angle(start.yaw + turn))
 
 
-def _match(
-    projector: Projector,
-    image: Image,
-    camera_from_forklift: RigidTransform,
-    base: LevelPose,
-    model: PalletModel,
-    config: JointSearchConfig,
-) -> tuple[float, LevelPose]:
+def _match(shot: Shot, base: LevelPose, model: PalletModel, config: JointSearchConfig) -> tuple[float, LevelPose]:
     """Return the best score of one hypothesis over small shifts on its plane, and the shifted pose."""
-    camera_from_plane = place_plane(camera_from_forklift, base, PALLET_FROM_VERTICAL)
-    camera = np.asarray(camera_from_plane.inv().translation)
+    camera = shot.camera_in(base)
     half = model.width / 2 + config.sideways + 0.05
     low, high = -config.upward - 0.05, model.height + config.upward + 0.05
-    grid = PlaneGrid.spanning(-half, half, low, high, config.resolution)
-    view = projector.view(image, camera_from_plane, grid)
+    view = shot.vertical_view(base, (-half, half, low, high), config.resolution)
+    grid = view.grid
     window = (round(0.4 / grid.resolution) | 1, round(0.2 / grid.resolution) | 1)
     template = face_template(model, edge_energy(view.image, window), grid.resolution, camera)
     heights = np.arange(-config.upward, config.upward + 1e-9, 2 * config.resolution)[:, None]

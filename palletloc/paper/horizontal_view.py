@@ -6,13 +6,12 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform
 
-from palletloc.geometry import FloatArray, Image, LevelPose
+from palletloc.geometry import FloatArray, LevelPose
 from palletloc.measurement import YawSource
 from palletloc.pallet import PalletModel
-from palletloc.plane import PALLET_FROM_HORIZONTAL, PlaneGrid, PlaneView, place_plane
-from palletloc.projection import Interpolation, Projector
+from palletloc.plane import PlaneView
+from palletloc.shot import Shot
 
 MAX_DEPTH = 1.0
 """How far before and behind the face its other edges are looked for, in metres: those near the camera's height
@@ -76,7 +75,7 @@ class HorizontalView:
     """The image."""
 
 
-def horizontal_source(model: PalletModel, height_below: float, distance: float, config: YawConfig) -> YawSource:
+def horizontal_source(model: PalletModel, camera: FloatArray, config: YawConfig) -> YawSource:
     """Choose the edge whose height suits a horizontal plane.
 
     Below the camera the lower edge, which stands out against the floor; above it the upper edges, as a beam may
@@ -86,10 +85,8 @@ def horizontal_source(model: PalletModel, height_below: float, distance: float, 
     ----------
     model : PalletModel
         The pallet.
-    height_below : float
-        Height of the camera above the face's lower edge, in metres; negative below it.
-    distance : float
-        Distance of the camera from the face's plane, in metres.
+    camera : (3,) array
+        The camera's centre in the face's coordinates: right, up and towards the viewer, in metres.
     config : YawConfig
         Parameters.
 
@@ -98,6 +95,7 @@ def horizontal_source(model: PalletModel, height_below: float, distance: float, 
     YawSource
         `YawSource.FACE` where no plane serves.
     """
+    _, height_below, distance = camera
     if height_below * config.max_lever >= distance:
         return YawSource.BOTTOM
     if (model.height - height_below) * config.max_lever >= distance:
@@ -106,24 +104,14 @@ def horizontal_source(model: PalletModel, height_below: float, distance: float, 
 
 
 def view_horizontal(
-    projector: Projector,
-    image: Image,
-    camera_from_forklift: RigidTransform,
-    start: LevelPose,
-    model: PalletModel,
-    source: YawSource,
-    config: YawConfig,
+    shot: Shot, start: LevelPose, model: PalletModel, source: YawSource, config: YawConfig
 ) -> HorizontalView:
     """Project the shot on the horizontal plane through an edge of the face at its start.
 
     Parameters
     ----------
-    projector : Projector
-        Of the camera that took the image.
-    image : Image
+    shot : Shot
         The shot.
-    camera_from_forklift : RigidTransform
-        Inverse of the camera's mounting.
     start : LevelPose
         ``forklift_from_pallet``.
     model : PalletModel
@@ -140,16 +128,14 @@ def view_horizontal(
     """
     height = {YawSource.BOTTOM: 0.0, YawSource.TOP: model.height}[source]
     pose = replace(start, z=start.z + height)
-    camera_from_plane = place_plane(camera_from_forklift, pose, PALLET_FROM_HORIZONTAL)
-    plane_from_camera = np.asarray(camera_from_plane.inv().translation)
+    right, up, towards = shot.camera_in(pose).tolist()
+    plane_from_camera = np.array([right, -towards, up])  # the horizontal plane has the face's axes, turned
     half = model.width / 2 + 0.05
     places = [
         float(np.clip(line_up(up - height, plane_from_camera), -MAX_DEPTH, MAX_DEPTH)) for up in (0.0, model.height)
     ]
-    grid = PlaneGrid.spanning(
-        -half * 1.08, half * 1.08, min(places) - config.search, max(places) + config.search, config.resolution
-    )
-    view = projector.view(image, camera_from_plane, grid, Interpolation.LINEAR)
+    extent = -half * 1.08, half * 1.08, min(places) - config.search, max(places) + config.search
+    view = shot.horizontal_view(pose, extent, config.resolution)
     return HorizontalView(source, height, plane_from_camera, view)
 
 

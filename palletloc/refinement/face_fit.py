@@ -14,20 +14,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palletloc.cameras.protocol import CameraModel
 from palletloc.face import FaceEdge
-from palletloc.face_view import MIN_DISTANCE, visible_lines
-from palletloc.geometry import FloatArray, Image, LevelPose, wrap_angle
+from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 from palletloc.measurement import HeightPrior, Reason
-from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
-from palletloc.plane import FACE_IN_PALLET
-from palletloc.refinement.agreement import LevelYaw, level_yaw
-from palletloc.refinement.depth_edges import visible_depth_edges
+from palletloc.refinement.depth_edges import add_depth_edges
 from palletloc.refinement.edges import EdgeReach, SeenFace, measure_face
-from palletloc.refinement.occlusion import Spans, hidden_part, is_hidden
-from palletloc.refinement.parallax import look_behind
-from palletloc.refinement.system import USED_WEIGHT, FaceSolution, FaceSystem
+from palletloc.refinement.level_lines import LevelYaw, yaw_from_level_lines
+from palletloc.refinement.normal_equations import USED_WEIGHT, FaceEquations, FaceSolution
+from palletloc.refinement.occlusion import Spans, hidden_part
+from palletloc.shot import Shot
 
 SMALL_PART = 0.5
 """Part of its standard deviation below which a motion that hardly moves the edges needs no further round."""
@@ -84,6 +80,20 @@ class YawPrior:
 
 
 @dataclass(frozen=True, slots=True)
+class FacePrior:
+    """What is known of a face before its edges are measured."""
+
+    height: HeightPrior
+    """Of its lower edge."""
+    yaw: YawPrior | None
+    """What the horizontal plane says; None where the slopes of the face's level edges have to give the yaw."""
+    yaw_spread: float
+    """Standard deviation of the start's yaw where ``yaw`` is None, in radians."""
+    occluders: Spans = ()
+    """Stretches of the face that something is seen to stand before: (left, right), in metres."""
+
+
+@dataclass(frozen=True, slots=True)
 class FaceEstimate:
     """The pose of a face from its edges."""
 
@@ -99,65 +109,50 @@ class FaceEstimate:
     """Mean squared normalised residual of the edges that count."""
     doubt: float
     """How many edges are missing or contradict the others; below about 1 the pose is the right one."""
-    lines: tuple[FaceEdge, ...]
-    """The lines of the face that the camera would see if nothing stood before it."""
     level_yaw: LevelYaw | None = None
     """What the level lines alone say of the yaw: how far from the pose's, in radians."""
+    repeated: bool = False
+    """Whether an earlier fit came to the same pose."""
     behind: float = 0.0
     """Evidence for the pose from edges behind the face, as a logarithm; 0 where none agree."""
 
     @property
     def hidden(self) -> tuple[FaceEdge, ...]:
         """Edges that something stands before."""
-        return _hidden(self.seen, self.lines)
+        return self.seen.hidden_lines
 
     @property
     def coverage(self) -> float:
         """Part of the face's edges that lies where the pose says, 0 to 1: the mean of level and upright ones."""
-        return _coverage(self.seen, self.lines, self.weights)
+        return _coverage(self.seen, self.weights)
 
 
 def fit_face(
-    camera: CameraModel,
-    image: Image,
-    mounting: Mounting,
+    shot: Shot,
     start: LevelPose,
     model: PalletModel,
-    height: HeightPrior,
-    yaw: YawPrior | None,
-    yaw_spread: float,
+    prior: FacePrior,
     config: FaceFitConfig,
-    known: Sequence[LevelPose] = (),
-    posts: Spans = (),
-    arrived: bool = False,
+    earlier: Sequence[LevelPose] = (),
+    at_solution: bool = False,
 ) -> FaceEstimate | Reason:
     """Fit the pose of a face to its edges.
 
     Parameters
     ----------
-    camera : CameraModel
-        The camera that took the image.
-    image : Image
+    shot : Shot
         The shot.
-    mounting : Mounting
-        Of the camera.
     start : LevelPose
         ``forklift_from_pallet``, right to some millimetres where edges are.
     model : PalletModel
         The pallet.
-    height : HeightPrior
-        Of the face's lower edge.
-    yaw : YawPrior or None
-        What the horizontal plane says; None where the slopes of the face's level edges have to give the yaw.
-    yaw_spread : float
-        Standard deviation of the start's yaw where ``yaw`` is None, in radians.
+    prior : FacePrior
+        What is known of height and yaw, and of what stands before the face.
     config : FaceFitConfig
         Parameters.
-    known : sequence of LevelPose
+    earlier : sequence of LevelPose
         Poses that other starts led to: the fit ends where it comes to one of them.
-    posts : sequence of (left, right)
-        Stretches of the face that something is seen to stand before, in metres.
-    arrived : bool
+    at_solution : bool
         Whether the start is the result of another fit: then one round may do.
 
     Returns
@@ -170,33 +165,39 @@ def fit_face(
     rounds: list[_Round] = []
     for i in range(config.iterations):
         upright = max(config.reach, config.first_reach / 2**i)
-        near = arrived or i > 0
+        near = at_solution or i > 0
         reach = EdgeReach(config.reach, upright, config.reach_px, CUT_SPACING_PX, faint=near, settled=near)
-        seen = _seen(camera, image, mounting, pose, model, reach, posts, config)
+        seen = _seen(shot, pose, model, reach, prior.occluders, config)
         if isinstance(seen, Reason):
             return seen
-        system = FaceSystem(seen, pose, mounting, model)
-        system.add_height(height.z - pose.z, height.sigma)
+        system = FaceEquations(seen, pose, shot.mounting, model)
+        system.add_height(prior.height.z - pose.z, prior.height.sigma)
         turned = wrap_angle(pose.yaw - start.yaw)
-        if yaw is not None:
-            system.add_yaw(-turned, yaw.sigma, yaw.up)
+        if prior.yaw is not None:
+            system.add_yaw(-turned, prior.yaw.sigma, prior.yaw.up)
         else:
             system.add_slopes(config.slope_error_px)
-            system.add_turn(-turned, yaw_spread)
-        found = _solved(camera, image, mounting, pose, model, system, near)
-        if float(found.sigma[:3].max()) > config.max_sigma:
+            system.add_turn(-turned, prior.yaw_spread)
+        solution = system.solve()
+        estimate = _estimate(seen, pose, solution)
+        evidence = add_depth_edges(shot, model, system, solution, estimate.doubt) if near else 0.0
+        if evidence > 0:
+            solution = system.solve()
+            estimate = _estimate(seen, pose, solution, evidence)
+        found = _Round(estimate, solution)
+        if float(solution.sigma[:3].max()) > config.max_sigma:
             return Reason.FEW_EDGES
         rounds.append(found)
         pose = found.estimate.forklift_from_pallet
         if found.estimate.doubt > config.hopeless_doubt:
             break
-        there = any(same_pose(pose, one) for one in known) or _settled(system, found, config)
-        if there and (arrived or upright <= config.reach):
+        there = any(_same_pose(pose, other) for other in earlier) or _settled(solution, config)
+        if there and (at_solution or upright <= config.reach):
             break
     else:  # it swings between poses, or still moves: that of least doubt is the best guess
-        rounds[-2:] = sorted(rounds[-2:], key=lambda one: -one.estimate.doubt)
+        rounds[-2:] = sorted(rounds[-2:], key=lambda found: -found.estimate.doubt)
         rounds[-1] = _unsettled(rounds)
-    return _with_level_yaw(rounds[-1], config) if rounds else Reason.FEW_EDGES
+    return _finished(rounds[-1], earlier, config) if rounds else Reason.FEW_EDGES
 
 
 class _Round(NamedTuple):
@@ -204,84 +205,51 @@ class _Round(NamedTuple):
 
     estimate: FaceEstimate
     """The pose."""
-    motion: FloatArray
-    """(4,) how the face moved: right, up, depth and yaw."""
-    sigma: FloatArray
-    """(4,) standard deviations of the motion."""
-
-
-def _solved(
-    camera: CameraModel,
-    image: Image,
-    mounting: Mounting,
-    pose: LevelPose,
-    model: PalletModel,
-    system: FaceSystem,
-    behind: bool,
-) -> _Round:
-    """Solve a system, with the edges behind the face if asked for."""
-    solution = system.solve()
-    estimate = _estimate(system.seen, pose, model, solution)
-    edges = visible_depth_edges(model, system.seen.plane_from_camera) if behind else ()
-    if edges:
-        camera_from_face = mounting.camera_from_forklift @ pose.matrix() @ FACE_IN_PALLET
-        evidence = look_behind(camera, image, camera_from_face, model, edges, system, solution, estimate.doubt)
-        if evidence > 0:
-            solution = system.solve()
-            estimate = _estimate(system.seen, pose, model, solution, evidence)
-    return _Round(estimate, solution.motion, np.sqrt(solution.covariance.diagonal()))
+    solution: FaceSolution
+    """How the face moved to it."""
 
 
 def _unsettled(rounds: Sequence[_Round]) -> _Round:
     """Return the last round of a fit that did not settle, as uncertain as it is far from the one before."""
     if len(rounds) < 2:
         return rounds[-1]
-    before, last = (one.estimate.forklift_from_pallet for one in rounds[-2:])
-    apart = last.as_array() - before.as_array()
-    apart[3] = wrap_angle(apart[3])
+    before, last = (found.estimate.forklift_from_pallet for found in rounds[-2:])
+    apart = last.minus(before)
     estimate = rounds[-1].estimate
     return rounds[-1]._replace(estimate=replace(estimate, covariance=estimate.covariance + np.outer(apart, apart)))
 
 
-def _with_level_yaw(found: _Round, config: FaceFitConfig) -> FaceEstimate:
-    said = level_yaw(found.estimate.seen, config.slope_error_px)
-    if said is None:
-        return found.estimate
-    return replace(found.estimate, level_yaw=replace(said, turn=said.turn - float(found.motion[3])))
+def _finished(found: _Round, earlier: Sequence[LevelPose], config: FaceFitConfig) -> FaceEstimate:
+    """Return a fit's estimate with what the level lines say of its yaw, and whether it is a new pose."""
+    estimate = found.estimate
+    repeated = any(_same_pose(estimate.forklift_from_pallet, other) for other in earlier)
+    lines = yaw_from_level_lines(estimate.seen, config.slope_error_px)
+    if lines is not None:
+        lines = replace(lines, turn=lines.turn - float(found.solution.motion[3]))
+    return replace(estimate, level_yaw=lines, repeated=repeated)
 
 
-def _settled(system: FaceSystem, found: _Round, config: FaceFitConfig) -> bool:
+def _settled(solution: FaceSolution, config: FaceFitConfig) -> bool:
     """Tell whether another round would find the same edges at the same places."""
-    if np.abs(system.shifts(found.motion)).max() > config.small_motion:
+    if np.abs(solution.shifts).max() > config.small_motion:
         return False
-    return bool((np.abs(found.motion) < np.maximum(config.small_motion, SMALL_PART * found.sigma)).all())
+    return bool((np.abs(solution.motion) < np.maximum(config.small_motion, SMALL_PART * solution.sigma)).all())
 
 
-def same_pose(one: LevelPose, other: LevelPose) -> bool:
+def _same_pose(pose: LevelPose, other: LevelPose) -> bool:
     """Tell whether two fits lead to the same pose, as far as a fit is repeated exactly."""
-    apart = np.abs(one.as_array() - other.as_array())
-    return bool(apart[:3].max() < SAME and abs(wrap_angle(float(one.yaw - other.yaw))) < np.radians(SAME_DEG))
+    apart = np.abs(pose.minus(other))
+    return bool(apart[:3].max() < SAME and apart[3] < np.radians(SAME_DEG))
 
 
 def _seen(
-    camera: CameraModel,
-    image: Image,
-    mounting: Mounting,
-    pose: LevelPose,
-    model: PalletModel,
-    reach: EdgeReach,
-    posts: Spans,
-    config: FaceFitConfig,
+    shot: Shot, pose: LevelPose, model: PalletModel, reach: EdgeReach, occluders: Spans, config: FaceFitConfig
 ) -> SeenFace | Reason:
     """Return the face at a pose with the edges that count."""
-    face = pose.matrix() @ FACE_IN_PALLET
-    plane_from_camera = face[:3, :3].T @ (mounting.center - face[:3, 3])
-    if plane_from_camera[2] < MIN_DISTANCE:
-        return Reason.BEHIND_FACE
-    seen = measure_face(camera, image, mounting.camera_from_forklift @ face, plane_from_camera, model, reach, posts)
-    if seen is None:
-        return Reason.OUT_OF_VIEW
-    edges = tuple(one for one in seen.edges if one.fit.coverage >= config.min_coverage)
+    seen = measure_face(shot, pose, model, reach, occluders)
+    if isinstance(seen, Reason):
+        return seen
+    edges = tuple(edge for edge in seen.edges if edge.fit.coverage >= config.min_coverage)
     if len(edges) < len(seen.edges):
         seen = replace(seen, edges=edges)
     if len(seen.edges) < config.min_edges:
@@ -289,9 +257,7 @@ def _seen(
     return Reason.HIDDEN if seen.hidden_part > config.max_hidden else seen
 
 
-def _estimate(
-    seen: SeenFace, pose: LevelPose, model: PalletModel, solution: FaceSolution, behind: float = 0.0
-) -> FaceEstimate:
+def _estimate(seen: SeenFace, pose: LevelPose, solution: FaceSolution, behind: float = 0.0) -> FaceEstimate:
     right, up, depth, turn = (float(value) for value in solution.motion)
     cos, sin = float(np.cos(pose.yaw)), float(np.sin(pose.yaw))
     moved = LevelPose(
@@ -302,43 +268,37 @@ def _estimate(
     )
     forklift_from_face = np.array([[sin, 0, cos, 0], [-cos, 0, sin, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
     covariance = forklift_from_face @ solution.covariance @ forklift_from_face.T
-    lines = tuple(line.whole for line in visible_lines(model, seen.plane_from_camera))
-    doubt = _doubt(seen, lines, solution, behind)
-    return FaceEstimate(moved, covariance, seen, solution.weights, solution.chi2, doubt, lines, behind=behind)
+    doubt = _doubt(seen, solution, behind)
+    return FaceEstimate(moved, covariance, seen, solution.weights, solution.chi2, doubt, behind=behind)
 
 
-def _doubt(seen: SeenFace, lines: Sequence[FaceEdge], solution: FaceSolution, behind: float) -> float:
+def _doubt(seen: SeenFace, solution: FaceSolution, behind: float) -> float:
     """Return how many edges are missing or contradict the others, with what the edges behind the face make up for."""
-    says = np.array([seen.says(one.edge) for one in seen.edges])
-    missing = seen.expected - float(says @ solution.weights) + HIDDEN_DOUBT * len(_hidden(seen, lines))
+    says = np.array([edge.evidence_weight for edge in seen.edges])
+    missing = seen.expected - float(says @ solution.weights) + HIDDEN_DOUBT * len(seen.hidden_lines)
     return max(missing + max(solution.chi2 - 1.0, 0.0) - EDGES_PER_NAT * behind, 0.0)
 
 
-def _hidden(seen: SeenFace, lines: Sequence[FaceEdge]) -> tuple[FaceEdge, ...]:
-    """Return the lines that something stands before."""
-    return tuple(line for line in lines if is_hidden(line, seen.hidden))
-
-
-def _coverage(seen: SeenFace, lines: Sequence[FaceEdge], weights: FloatArray) -> float:
+def _coverage(seen: SeenFace, weights: FloatArray) -> float:
     """Return the part of the edges that is seen: upright ones count as much as level ones, which are longer.
 
     A line on the floor covers every level edge of a face and no upright one; what is found of those is far fainter.
     """
     level, upright = (
-        median([one.fit.strength for one in seen.edges if one.edge.horizontal is direction] or [0.0])
+        median([edge.fit.strength for edge in seen.edges if edge.edge.horizontal is direction] or [0.0])
         for direction in (True, False)
     )
     parts = []
-    for level_ones in (True, False) if upright > FAINT_UPRIGHT * level else (True,):
+    for direction in (True, False) if upright > FAINT_UPRIGHT * level else (True,):
         visible = sum(
-            seen.says(line) * line.length * (1 - hidden_part(line.start[0], line.end[0], seen.hidden))
-            for line in lines
-            if line.horizontal is level_ones
+            seen.evidence_weight(line) * line.length * (1 - hidden_part(line.start[0], line.end[0], seen.hidden))
+            for line in seen.lines
+            if line.horizontal is direction
         )
         covered = sum(
-            seen.says(one.edge) * one.edge.length * one.fit.coverage
-            for one, weight in zip(seen.edges, weights, strict=True)
-            if one.edge.horizontal is level_ones and weight > USED_WEIGHT
+            edge.evidence_weight * edge.edge.length * edge.fit.coverage
+            for edge, weight in zip(seen.edges, weights, strict=True)
+            if edge.edge.horizontal is direction and weight > USED_WEIGHT
         )
         parts.append(min(1.0, covered / visible) if visible > 0 else 0.0)
     return float(sum(parts) / 2)

@@ -15,13 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg.lapack import dposv
 
-from palletloc.edge_fit import TUKEY
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
 from palletloc.plane import FACE_IN_PALLET
-from palletloc.refinement.depth_edges import DepthEdge
 from palletloc.refinement.edges import SeenFace
+from palletloc.robust import SIGMA_PER_MEDIAN, tukey_weights
 
 USED_WEIGHT = 0.2
 """Weight from which on an edge counts as used."""
@@ -51,6 +50,8 @@ class FaceSolution:
     """(4,) right, up, depth in metres and yaw in radians; depth is away from the viewer."""
     covariance: FloatArray
     """(4, 4) covariance of the motion."""
+    shifts: FloatArray
+    """(edges,) how far outward the motion shifts the images of the edges on the plane of the face, in metres."""
     weights: FloatArray
     """(edges,) weight of each edge's offset, 0 to 1."""
     chi2: float
@@ -60,8 +61,13 @@ class FaceSolution:
     information: FloatArray
     """(unknowns, unknowns) their inverse covariance."""
 
+    @property
+    def sigma(self) -> FloatArray:
+        """(4,) standard deviations of the motion."""
+        return np.sqrt(self.covariance.diagonal())
 
-class FaceSystem:
+
+class FaceEquations:
     """Rows of the least squares; offsets of the edges come first.
 
     Parameters
@@ -84,7 +90,7 @@ class FaceSystem:
         forklift_from_plane = pose.matrix() @ FACE_IN_PALLET
         self._axes, self._origin = forklift_from_plane[:3, :3], forklift_from_plane[:3, 3]
         numbers = np.array(
-            [(*one.edge.middle, *one.edge.outward, one.pixel, one.sigma, one.shift.sigma) for one in seen.edges]
+            [(*edge.edge.middle, *edge.edge.outward, edge.pixel, edge.sigma, edge.shift.sigma) for edge in seen.edges]
         )
         middles, outward, (pixel, measured, own) = numbers[:, :2], numbers[:, 2:4], numbers[:, 4:].T
         level = outward[:, 0] == 0
@@ -96,31 +102,16 @@ class FaceSystem:
         blur = np.minimum(BLUR_PX * pixel, MOST_BLUR) * np.interp(beside, (LEVEL, NOT_LEVEL), (1.0, 0.0))
         sigma = np.sqrt(measured**2 + blur**2 + own**2 - shared**2)
         offsets = np.einsum("ni,nij->nj", outward, motion[: len(middles)])
-        side = np.array([one.shift.both_seen for one in seen.edges], dtype=int)
+        side = np.array([edge.shift.both_seen for edge in seen.edges], dtype=int)
         offsets[np.arange(len(side)), _FIRST_SHARED + side] = shared
         offsets[:, _FIRST_DEPTH - 1] = blur
         self._shifts = offsets[:, :_MOTION]
         self._rows = [offsets / sigma[:, None]]
-        self._values = [np.array([one.fit.offset for one in seen.edges]) / sigma]
+        self._values = [np.array([edge.fit.offset for edge in seen.edges]) / sigma]
         self._robust = [np.ones(len(seen.edges), dtype=bool)]
         self._held, self._pull = np.full(self._unknowns, _TINY), np.zeros(self._unknowns)
         self._held[_MOTION:] += 1.0
         self._held[_MOTION:_FIRST_SHARED] = np.maximum(mounting.sigma, _TINY) ** -2
-
-    def shifts(self, motion: FloatArray) -> FloatArray:
-        """Return how far outward a motion of the face shifts the images of its edges.
-
-        Parameters
-        ----------
-        motion : (4,) array
-            Right, up, depth in metres and yaw in radians.
-
-        Returns
-        -------
-        (edges,) array
-            On the plane of the face, in metres.
-        """
-        return np.asarray(self._shifts @ motion)
 
     def _image_motion(self, points: FloatArray) -> FloatArray:
         """Return what each unknown does to the images of points on the face's plane, (n, 2, unknowns).
@@ -133,7 +124,7 @@ class FaceSystem:
         moved[:, 0, 0] = moved[:, 1, 1] = 1.0
         moved[:, 0, 3], moved[:, 2, 3] = nearer, -points[:, 0]
         moved[:, 2, 2] = -1.0
-        moved[:, :, _MOTION:] = self._axes.T @ self._mounting.apparent_motion(in_forklift)
+        moved[:, :, _MOTION:] = self._axes.T @ apparent_motion(in_forklift, self._mounting.center)
         # what comes nearer to the camera moves away from its foot point on the plane
         camera = self.seen.plane_from_camera
         away = (camera[2] - nearer)[:, None, None]
@@ -142,63 +133,38 @@ class FaceSystem:
         motion[..., :_FIRST_SHARED] = (moved[:, :2] + ray * moved[:, 2:]) * (camera[2] / away)
         return motion
 
-    def _behind_motion(self, edges: Sequence[DepthEdge]) -> FloatArray:
-        """Return how far to the right each unknown moves the images of edges behind the face, (edges, unknowns)."""
-        motion = self._image_motion(np.array([edge.place for edge in edges]))[:, 0]
-        column = _FIRST_DEPTH + np.array([edge.level for edge in edges])
-        motion[np.arange(len(edges)), column] = DEPTH_ERROR * motion[:, 2]
+    def motion_behind(self, places: FloatArray, depths: Sequence[int]) -> FloatArray:
+        """Return how far to the right each unknown moves the images of edges behind the face on its plane.
+
+        Parameters
+        ----------
+        places : (edges, 3) array
+            Right, up and towards the viewer on the face, in metres.
+        depths : sequence of int
+            Which of the model's depths each has: edges of one depth share its error.
+
+        Returns
+        -------
+        (edges, unknowns) array
+            By the unknowns of a `FaceSolution`.
+        """
+        motion = self._image_motion(places)[:, 0]
+        motion[np.arange(len(places)), _FIRST_DEPTH + np.array(depths)] = DEPTH_ERROR * motion[:, 2]
         return motion
 
-    def expected_behind(self, edges: Sequence[DepthEdge], solution: FaceSolution) -> FloatArray:
-        """Return how far to the right of their places a solution expects the images of edges behind the face.
+    def add_offset(self, motion: FloatArray, offset: float, sigma: float) -> None:
+        """Add a measured offset.
 
         Parameters
         ----------
-        edges : sequence of DepthEdge
-            The edges.
-        solution : FaceSolution
-            A solution of this system.
-
-        Returns
-        -------
-        (edges,) array
-            On the face's plane, in metres.
-        """
-        return np.asarray(self._behind_motion(edges) @ solution.unknowns)
-
-    def spread_behind(self, edges: Sequence[DepthEdge], solution: FaceSolution) -> FloatArray:
-        """Return the covariance of where a solution expects the images of edges behind the face.
-
-        Parameters
-        ----------
-        edges : sequence of DepthEdge
-            The edges.
-        solution : FaceSolution
-            A solution of this system.
-
-        Returns
-        -------
-        (edges, edges) array
-            Of offsets to the right on the face's plane, in square metres.
-        """
-        motion = self._behind_motion(edges)
-        return np.asarray(motion @ np.linalg.solve(solution.information, motion.T))
-
-    def add_behind(self, edges: Sequence[DepthEdge], shares: FloatArray, offset: float, sigma: float) -> None:
-        """Add what edges behind the face say together.
-
-        Parameters
-        ----------
-        edges : sequence of DepthEdge
-            The edges.
-        shares : (edges,) array
-            What each one's offset to the right on the face's plane contributes.
+        motion : (unknowns,) array
+            What each unknown does to it, as from `motion_behind`.
         offset : float
-            The sum of the offsets by their shares.
+            In metres.
         sigma : float
             Its standard deviation.
         """
-        self._add((shares @ self._behind_motion(edges))[None] / sigma, np.array([offset / sigma]), False)
+        self._add(motion[None] / sigma, np.array([offset / sigma]), False)
 
     def _hold(self, unknown: int, value: float, sigma: float) -> None:
         """Add what is known of one unknown."""
@@ -218,13 +184,13 @@ class FaceSystem:
         error_px : float
             How far each end of an edge may lie off, in pixels of the camera's image.
         """
-        level = [one for one in self.seen.edges if one.edge.horizontal]
+        level = [edge for edge in self.seen.edges if edge.edge.horizontal]
         if not level:
             return
-        tilt = [math.sqrt(2.0) * error_px * one.pixel / one.edge.length for one in level]
-        sigma = np.hypot([one.fit.sigma_slope for one in level], tilt)
-        sign = np.array([one.edge.outward[1] for one in level])
-        values = np.array([one.fit.slope for one in level])
+        tilt = [math.sqrt(2.0) * error_px * edge.pixel / edge.edge.length for edge in level]
+        sigma = np.hypot([edge.fit.sigma_slope for edge in level], tilt)
+        sign = np.array([edge.edge.outward[1] for edge in level])
+        values = np.array([edge.fit.slope for edge in level])
         self._add(self._level_slopes * (sign / sigma)[:, None], values / sigma, True)
 
     def add_height(self, rise: float, sigma: float) -> None:
@@ -260,8 +226,8 @@ class FaceSystem:
             solution = _solved(normal, weighted @ values + self._pull)
             residual = values - rows @ solution
             size = np.sort(np.abs(residual[robust]))
-            spread = max(1.0, 1.4826 * float(size[len(size) // 2]))
-            update = np.where(robust, np.maximum(1 - (residual / (TUKEY * spread)) ** 2, 0.0) ** 2, 1.0)
+            spread = max(1.0, SIGMA_PER_MEDIAN * float(size[len(size) // 2]))
+            update = np.where(robust, tukey_weights(residual, spread), 1.0)
             settled = np.abs(update - weights).max() < 0.01
             weights = update
             if settled:
@@ -270,7 +236,32 @@ class FaceSystem:
         chi2 = float((weights * residual**2)[used].sum() / max(float(weights[used].sum()), 1.0))
         covariance = _solved(normal, np.eye(self._unknowns, _MOTION))[:_MOTION] * max(chi2, 1.0)
         own = weights[: len(self.seen.edges)]
-        return FaceSolution(solution[:_MOTION], covariance, own, chi2, solution, normal)
+        motion = solution[:_MOTION]
+        return FaceSolution(motion, covariance, self._shifts @ motion, own, chi2, solution, normal)
+
+
+def apparent_motion(points: FloatArray, center: FloatArray) -> FloatArray:
+    """Return how points seem to move when the true mounting of the camera differs from the assumed one.
+
+    Parameters
+    ----------
+    points : (n, 3) array
+        In the forklift frame, in metres.
+    center : (3,) array
+        The camera's origin in the forklift frame, in metres.
+
+    Returns
+    -------
+    (n, 3, 6) array
+        Derivative of each apparent point by three translations and three rotations of the assumed mounting.
+    """
+    x, y, z = (points - center).T
+    motion = np.zeros((len(points), 3, 6))
+    motion[:, (0, 1, 2), (0, 1, 2)] = 1.0
+    motion[:, 0, 4], motion[:, 0, 5] = z, -y
+    motion[:, 1, 3], motion[:, 1, 5] = -z, x
+    motion[:, 2, 3], motion[:, 2, 4] = y, -x
+    return motion
 
 
 def _solved(normal: FloatArray, values: FloatArray) -> FloatArray:

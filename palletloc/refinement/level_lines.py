@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palletloc.edge_fit import TUKEY
 from palletloc.refinement.edges import SeenFace
+from palletloc.robust import TUKEY, consensus
 
 LEAST_SIGMA = 0.0005
 """Standard deviation that no line's yaw is below, in radians."""
@@ -30,7 +30,7 @@ class LevelYaw:
     """How many lines agree."""
 
 
-def level_yaw(seen: SeenFace, slope_error_px: float) -> LevelYaw | None:
+def yaw_from_level_lines(seen: SeenFace, slope_error_px: float) -> LevelYaw | None:
     """Return the yaw that the level lines give together.
 
     Parameters
@@ -46,19 +46,14 @@ def level_yaw(seen: SeenFace, slope_error_px: float) -> LevelYaw | None:
         None where no level line is seen, or all are at the camera's height.
     """
     _, up, distance = seen.plane_from_camera
-    level = [one for one in seen.edges if one.edge.horizontal and not seen.loaded(one.edge)]
-    lever = np.array([(up - one.edge.middle[1]) / distance for one in level])
-    level = [one for one, arm in zip(level, lever, strict=True) if abs(arm) > LEAST_SIGMA]
+    level = [edge for edge in seen.edges if edge.edge.horizontal and not seen.loaded(edge.edge)]
+    lever = np.array([(up - edge.edge.middle[1]) / distance for edge in level])
+    level = [edge for edge, arm in zip(level, lever, strict=True) if abs(arm) > LEAST_SIGMA]
     lever = lever[np.abs(lever) > LEAST_SIGMA]
     if not level:
         return None
-    tilt = [np.sqrt(2.0) * slope_error_px * one.pixel / one.edge.length for one in level]
-    sigma = np.maximum(np.hypot([one.fit.sigma_slope for one in level], tilt) / np.abs(lever), LEAST_SIGMA)
-    turn = np.array([one.fit.slope * one.edge.outward[1] for one in level]) / lever
-    # the group around the line that most others agree with
-    agree = np.abs(turn[:, None] - turn) < TUKEY * np.hypot(sigma[:, None], sigma)
-    group = agree[int((agree / sigma**2).sum(axis=1).argmax())]
-    weight = group / sigma**2
-    mean = float((weight * turn).sum() / weight.sum())
-    spread = float((weight * (turn - mean) ** 2).sum() / max(int(group.sum()) - 1, 1))
-    return LevelYaw(mean, float(np.sqrt(max(spread, 1.0) / weight.sum())), int(group.sum()))
+    tilt = [np.sqrt(2.0) * slope_error_px * edge.pixel / edge.edge.length for edge in level]
+    sigma = np.maximum(np.hypot([edge.fit.sigma_slope for edge in level], tilt) / np.abs(lever), LEAST_SIGMA)
+    turn = np.array([edge.fit.slope * edge.edge.outward[1] for edge in level]) / lever
+    found = consensus(turn, sigma, TUKEY)
+    return LevelYaw(found.mean, found.sigma, int(found.group.sum()))

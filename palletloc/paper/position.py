@@ -9,14 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform
 
-from palletloc.geometry import FloatArray, Image, LevelPose, wrap_angle
+from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 from palletloc.matching import edge_energy
 from palletloc.measurement import HeightPrior, Reason
 from palletloc.pallet import PalletModel
-from palletloc.plane import PALLET_FROM_VERTICAL, PlaneGrid, PlaneView, place_plane
-from palletloc.projection import Projector
+from palletloc.plane import PALLET_FROM_VERTICAL, PlaneView
+from palletloc.shot import MIN_DISTANCE, Extent, Shot
 from palletloc.template import FacePlacement, face_template, match_template
 
 
@@ -61,9 +60,7 @@ class Sweep:
 
 
 def sweep(
-    projector: Projector,
-    image: Image,
-    camera_from_forklift: RigidTransform,
+    shot: Shot,
     start: LevelPose,
     model: PalletModel,
     prior: HeightPrior | None,
@@ -74,12 +71,8 @@ def sweep(
 
     Parameters
     ----------
-    projector : Projector
-        Of the camera that took the image.
-    image : Image
+    shot : Shot
         The shot.
-    camera_from_forklift : RigidTransform
-        Inverse of the camera's mounting.
     start : LevelPose
         ``forklift_from_pallet`` with the measured yaw.
     model : PalletModel
@@ -97,15 +90,14 @@ def sweep(
         `Reason.NO_PEAK` where nothing matches, `Reason.BEHIND_FACE` or `Reason.OUT_OF_VIEW` where nothing can.
     """
     base = LevelPose(start.x, start.y, start.z if prior is None else prior.z, start.yaw)
-    camera_from_plane = place_plane(camera_from_forklift, base, PALLET_FROM_VERTICAL)
-    camera = np.asarray(camera_from_plane.inv().translation)
+    camera = shot.camera_in(base)
     distance = float(camera[2])
-    if distance < 0.2:
+    if distance < MIN_DISTANCE:
         return Reason.BEHIND_FACE
     slack = 0.0 if yaw_known else config.face_slack
     reach = (min(config.nearer + slack, 0.4 * distance), config.farther + slack)
-    grid = _sweep_grid(model, camera, reach, prior, config)
-    view = projector.view(image, camera_from_plane, grid)
+    view = shot.vertical_view(base, _swept_extent(model, camera, reach, prior, config), config.sweep_resolution)
+    grid = view.grid
     if view.valid.mean() < 0.5:
         return Reason.OUT_OF_VIEW
     window = (round(0.4 / grid.resolution) | 1, round(0.2 / grid.resolution) | 1)
@@ -151,25 +143,20 @@ def _peaks(
     return found
 
 
-def _sweep_grid(
+def _swept_extent(
     model: PalletModel,
     camera: FloatArray,
     reach: tuple[float, float],
     prior: HeightPrior | None,
     config: PositionConfig,
-) -> PlaneGrid:
+) -> Extent:
+    """Return the part of the plane on which the face appears at every depth."""
     distance = camera[2]
     zoom = distance / (distance - reach[0])
     half = (model.width / 2 + config.sideways) * zoom + 0.05
     shifts = [camera[1] * (1 - zoom), camera[1] * (1 - distance / (distance + reach[1])), 0.0]
     free = config.upward if prior is None else 0.0
-    return PlaneGrid.spanning(
-        -half,
-        half,
-        min(shifts) - free - 0.06,
-        max(shifts) + model.height * zoom + free + 0.06,
-        config.sweep_resolution,
-    )
+    return -half, half, min(shifts) - free - 0.06, max(shifts) + model.height * zoom + free + 0.06
 
 
 def _placements(

@@ -14,16 +14,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palletloc.boundary import BoundaryLine, boundary_lines
+from palletloc.cameras.protocol import CameraModel
 from palletloc.edge_fit import EdgeFit, edge_peaks, fit_edges, join_peaks
 from palletloc.face import EdgeKind, FaceEdge, edge_shift, face_lines
 from palletloc.geometry import LevelPose, wrap_angle
-from palletloc.horizontal_view import MAX_DEPTH, BoundaryMethod, HorizontalView, YawConfig, line_up
 from palletloc.matching import Energy, gradient_across
 from palletloc.measurement import Reason, YawSource
 from palletloc.pallet import PalletModel
-from palletloc.pixel_size import pixel_sizes
-from palletloc.projection import Projector
+from palletloc.paper.boundary import BoundaryLine, boundary_lines
+from palletloc.paper.horizontal_view import MAX_DEPTH, BoundaryMethod, HorizontalView, YawConfig, line_up
+from palletloc.projection import pixel_sizes
+from palletloc.robust import consensus
+from palletloc.shot import Shot
 
 SMOOTHING_PIXELS = np.array([0.6, 1.5])
 """Smoothing before the gradient across and along an edge, in pixels of the camera's image."""
@@ -99,14 +101,14 @@ def find_lines(seen: HorizontalView, config: YawConfig) -> list[BoundaryLine]:
 
 
 def measure_line(
-    projector: Projector, seen: HorizontalView, line: BoundaryLine, model: PalletModel, config: YawConfig
+    shot: Shot, seen: HorizontalView, line: BoundaryLine, model: PalletModel, config: YawConfig
 ) -> EdgeFit | None:
     """Measure a line that the Hough transform found, to a fraction of a pixel.
 
     Parameters
     ----------
-    projector : Projector
-        Of the camera.
+    shot : Shot
+        The shot.
     seen : HorizontalView
         The view that the line was found on.
     line : BoundaryLine
@@ -123,7 +125,7 @@ def measure_line(
     """
     half = model.width / 2
     slope = float(np.tan(line.turn))
-    measured = _gradient(projector, seen, line.up)
+    measured = _gradient(shot.camera, seen, line.up)
     if measured is None:
         return None
     gradient, across, along = measured
@@ -135,18 +137,14 @@ def measure_line(
 
 
 def measure_yaw(
-    projector: Projector,
-    seen: HorizontalView,
-    start: LevelPose,
-    model: PalletModel,
-    config: YawConfig,
+    shot: Shot, seen: HorizontalView, start: LevelPose, model: PalletModel, config: YawConfig
 ) -> YawEstimate | Reason:
     """Measure the yaw by sub-pixel lines along every level edge of the face: they vote.
 
     Parameters
     ----------
-    projector : Projector
-        Of the camera.
+    shot : Shot
+        The shot.
     seen : HorizontalView
         Placed with the start's yaw, which must be right to a degree or two.
     start : LevelPose
@@ -161,8 +159,8 @@ def measure_yaw(
     YawEstimate or Reason
         `Reason.NO_LINE` where no edge is seen well enough.
     """
-    measured = _gradient(projector, seen, 0.0)
-    voters = _voters(projector, model, seen)
+    measured = _gradient(shot.camera, seen, 0.0)
+    voters = _voters(shot.camera, model, seen)
     if measured is None or not voters:
         return Reason.NO_LINE
     gradient, _, _ = measured
@@ -187,13 +185,13 @@ def measure_yaw(
     return _poll(votes, start, config)
 
 
-def _gradient(projector: Projector, seen: HorizontalView, up: float) -> tuple[Energy, float, float] | None:
+def _gradient(camera: CameraModel, seen: HorizontalView, up: float) -> tuple[Energy, float, float] | None:
     """Return the gradient across level lines, and the size of the camera's pixels across and along them.
 
     None where the camera does not see the lines' middle.
     """
     across, along = pixel_sizes(
-        projector.camera,
+        camera,
         seen.view.camera_from_plane,
         np.full((2, 2), [0.0, up]),
         np.array([[0.0, 1.0], [1.0, 0.0]]),
@@ -208,7 +206,7 @@ def _gradient(projector: Projector, seen: HorizontalView, up: float) -> tuple[En
     )
 
 
-def _voters(projector: Projector, model: PalletModel, seen: HorizontalView) -> list[_Voter]:
+def _voters(lens: CameraModel, model: PalletModel, seen: HorizontalView) -> list[_Voter]:
     """Return the level lines that can be measured, and where the view shows them."""
     camera = seen.plane_from_camera
     face_from_camera = np.array([camera[0], camera[2] + seen.height, -camera[1]])
@@ -224,8 +222,8 @@ def _voters(projector: Projector, model: PalletModel, seen: HorizontalView) -> l
     ]
     ups = np.array([line_up(height - seen.height, camera) for height in heights])
     middles = np.stack([np.zeros_like(ups), ups], axis=1)
-    across = pixel_sizes(projector.camera, seen.view.camera_from_plane, middles, UPWARD)
-    along = pixel_sizes(projector.camera, seen.view.camera_from_plane, middles, np.array([1.0, 0.0]))
+    across = pixel_sizes(lens, seen.view.camera_from_plane, middles, UPWARD)
+    along = pixel_sizes(lens, seen.view.camera_from_plane, middles, np.array([1.0, 0.0]))
     voters = []
     for line, height, up, wide, long in zip(lines, heights, ups, across, along, strict=True):
         scale = camera[2] / (camera[2] - height + seen.height)
@@ -252,18 +250,13 @@ def _poll(votes: Sequence[YawVote], start: LevelPose, config: YawConfig) -> YawE
     """Combine the votes: the largest group that agrees with one of them, weighted by their variances."""
     turn = np.array([vote.turn for vote in votes])
     sigma = np.array([vote.sigma for vote in votes])
-    weight = sigma**-2
-    agree = np.abs(turn[:, None] - turn) <= config.agreement * np.hypot(sigma[:, None], sigma)
-    group = agree[(agree * weight).sum(axis=1).argmax()]
-    mean = float((turn * weight)[group].sum() / weight[group].sum())
-    spread = float((weight * (turn - mean) ** 2)[group].sum() / max(group.sum() - 1, 1))
-    variance = max(spread, 1.0) / float(weight[group].sum())
-    heaviest = votes[int(np.where(group, weight, 0).argmax())]
+    found = consensus(turn, sigma, config.agreement)
+    heaviest = votes[int(np.where(found.group, sigma**-2, 0).argmax())]
     polled = tuple(
         YawVote(vote.edge, vote.turn, vote.sigma, vote.fit, bool(used))
-        for vote, used in zip(votes, group, strict=True)
+        for vote, used in zip(votes, found.group, strict=True)
     )
-    return YawEstimate(wrap_angle(start.yaw + mean), float(np.sqrt(variance)), _source(heaviest.edge), polled)
+    return YawEstimate(wrap_angle(start.yaw + found.mean), found.sigma, _source(heaviest.edge), polled)
 
 
 def _source(edge: FaceEdge) -> YawSource:

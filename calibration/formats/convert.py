@@ -22,7 +22,9 @@ from palletloc.io.camera_spec import camera_in
 from palletloc.io.reading import read_text
 
 _DUAL = "dual_fisheye"
+"""Name of the model of two fisheyes side by side."""
 _YAML = (".yaml", ".yml")
+"""Endings of yaml files."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,8 +17,11 @@ from palletloc.localizer import Localizer
 from palletloc.shelf import ShelfPlane
 
 _MIN_SCORE = 0.8
+"""Pallets with a lower score do not count here: a wrong one costs more than a missing one."""
 _NEAR = 0.15
+"""Pallets whose depths differ by less, in metres, stand on one plane."""
 _FIRST_SHOTS = 4
+"""Shots of the wide first look, which is slow."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +37,9 @@ class Reach:
 _TRIED = tuple((depth, float(np.radians(yaw))) for depth in (-0.3, 0.05, 0.4) for yaw in (-7.0, 0.0, 7.0))
 """Planes that are tried around the user's, by depth and yaw: together they cover half a metre and ten degrees."""
 _FIRST = Reach(0.25, float(np.radians(4.5)))
+"""How far planes may be off in the first look: half the distance of those that are tried."""
 _AGAIN, _LAST = Reach(0.15, float(np.radians(4.0))), Reach(0.08, float(np.radians(1.5)))
+"""The same in the second look, and once poses are known."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

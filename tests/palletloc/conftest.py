@@ -88,6 +88,13 @@ def open_below() -> PalletModel:
     return PalletModel("open", 0.8, 0.144, 1.2, openings, edge_radius=0.003)
 
 
+@pytest.fixture(params=["epal", "t11", "open_below"])
+def model(request: pytest.FixtureRequest) -> PalletModel:
+    """Return each of the three in turn: closed below, rounded, and open below."""
+    found: PalletModel = request.getfixturevalue(request.param)
+    return found
+
+
 @pytest.fixture(scope="session")
 def whole_view() -> CameraModel:
     """Return a 360-degree camera."""

@@ -10,9 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from calibration.check.assessment import assess_check
 from calibration.check.mounting import MountingCheck, NamedYaw
-from calibration.check.report import check_data
+from calibration.check.report import check_page
 from calibration.check.tilt_sources import FLOOR, LEVELS, VERTICALS, Absent, Contradiction, NamedTilt
 from calibration.findings import DEGENERATE, FAIL, PASS
+from calibration.result_page import json_text
 from calibration.shelf.gravity_lines import Tilt
 from palletloc.__main__ import COMMANDS
 from palletloc.cli.app import run
@@ -41,7 +42,7 @@ def checked(
     tilts = (NamedTilt(VERTICALS, tilt), NamedTilt(LEVELS, tilt))
     turned = None if yaw is None else (float(np.radians(yaw[0])), float(np.radians(yaw[1])))
     worst = Contradiction(VERTICALS, LEVELS, chance)
-    told = tuple(NamedYaw(f"kind {i}", float(np.radians(one)), 0.005) for i, one in enumerate(yaws))
+    told = tuple(NamedYaw(f"kind {i}", float(np.radians(turn)), 0.005) for i, turn in enumerate(yaws))
     return MountingCheck(
         read_recording(SAMPLE), (), tilts, np.radians([roll, pitch]), covariance, chance, turned, None, (), worst,
         told, height,
@@ -50,7 +51,7 @@ def checked(
 
 def codes(check: MountingCheck) -> tuple[int, set[str]]:
     assessment = assess_check(check, TOLERANCE)
-    return assessment.exit_code, {one.code for one in assessment.findings}
+    return assessment.exit_code, {finding.code for finding in assessment.findings}
 
 
 def test_a_camera_in_its_place_passes() -> None:
@@ -86,7 +87,8 @@ def test_a_source_that_says_nothing_is_named() -> None:
     check = replace(checked(0.0, 0.0), absent=(Absent(FLOOR, "no line is seen"),))
     assert codes(check) == (PASS, {"source_absent"})
     assert FLOOR in assess_check(check, TOLERANCE).findings[0].what
-    assert check_data(assess_check(check, TOLERANCE))["absent"][0]["method"] == FLOOR
+    data = json.loads(json_text(check_page(assess_check(check, TOLERANCE))))
+    assert data["absent"][0]["method"] == FLOOR
 
 
 def test_an_axis_that_nothing_tells_is_named() -> None:
@@ -135,9 +137,9 @@ def test_a_turned_mounting_is_found_and_a_right_one_passes(
     for axis, expected in (("roll", -roll), ("pitch", -pitch)):
         off = abs(found["turned_deg"][axis] - expected)
         assert off < min(0.08, 2.5 * found["sigma_deg"][axis])
-    sources = {one["method"]: one for one in found["methods"]}
-    for one in sources.values():
-        for axis, sigma, expected in zip(("roll", "pitch"), one["sigma_deg"], (-roll, -pitch), strict=True):
-            assert sigma is None or abs(one[f"{axis}_deg"] - expected) < 3 * sigma
+    sources = {source["method"]: source for source in found["methods"]}
+    for source in sources.values():
+        for axis, sigma, expected in zip(("roll", "pitch"), source["sigma_deg"], (-roll, -pitch), strict=True):
+            assert sigma is None or abs(source[f"{axis}_deg"] - expected) < 3 * sigma
     assert sources["pallets"]["sigma_deg"][1] < 0.1
     assert abs(found["height_mm"]) < 3 * found["height_sigma_mm"]

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import yaml
 
-from calibration.shelf.run import beside, recording_text
+from calibration.shelf.assessment import plane_beside
+from calibration.shelf.report import recording_text
 from palletloc.__main__ import COMMANDS
 from palletloc.cli.app import run
 from palletloc.errors import PalletLocError
@@ -54,7 +55,7 @@ def test_only_the_shelf_changes_in_the_written_file() -> None:
 @pytest.mark.parametrize(("side", "turn"), [("left", np.pi / 2), ("right", -np.pi / 2)])
 def test_a_side_and_a_distance_make_a_plane_along_the_way(side: str, turn: float) -> None:
     recording = read_recording(SAMPLE)
-    plane = beside(recording, side, 1.7)
+    plane = plane_beside(recording, side, 1.7)
     first, last = (recording.odometry.pose_at(shot.time) for shot in (recording.shots[0], recording.shots[-1]))
     heading = np.arctan2(last.y - first.y, last.x - first.x)
     assert abs(wrap_angle(plane.yaw - heading - turn)) < 0.3
@@ -66,9 +67,9 @@ def test_a_side_and_a_distance_make_a_plane_along_the_way(side: str, turn: float
 def test_a_wrong_side_or_distance_is_named() -> None:
     recording = read_recording(SAMPLE)
     with pytest.raises(PalletLocError, match="--side above: expected left or right"):
-        beside(recording, "above", 1.7)
+        plane_beside(recording, "above", 1.7)
     with pytest.raises(PalletLocError, match="--distance"):
-        beside(recording, "left", 0.1)
+        plane_beside(recording, "left", 0.1)
 
 
 @pytest.mark.parametrize(
@@ -117,7 +118,7 @@ def test_the_front_of_a_recording_is_found_from_a_rough_guess(
     name: str, off: float, turn_deg: float, tmp_path: Path
 ) -> None:
     recording = read_recording(DATA / name)
-    rough = beside(recording, "left", 1.75)
+    rough = plane_beside(recording, "left", 1.75)
     point = (rough.x + off * np.cos(rough.yaw), rough.y + off * np.sin(rough.yaw))
     facing = float(np.degrees(rough.facing)) + turn_deg
     place = copied(DATA / name, tmp_path / name, point_m=[float(v) for v in point], facing_deg=facing)
@@ -137,6 +138,6 @@ def test_the_front_of_a_recording_is_found_from_a_rough_guess(
     assert abs(depth[0] - depth[1]) < min(0.015, 2.5 * report["shelf"]["distance_sigma_m"])
     assert abs(np.degrees(wrap_angle(found.facing - truth.facing))) < 0.3
     assert report["sweep"]["peaks"]
-    swept = [one for one in report["methods"] if one["method"] == "sweep"]
+    swept = [method for method in report["methods"] if method["method"] == "sweep"]
     assert len(swept) == (report["sweep"]["code"] is None)
     assert "data:image/png;base64," in out.with_suffix(".html").read_text()

@@ -19,7 +19,7 @@ from palletloc.io.tracks import TRACK_COLUMNS
 from palletloc.measurement import Reason, Stage
 from tracking.events import EventKind
 from tracking.files import EVENT_COLUMNS
-from tracking.parameters import read_tracker_config
+from tracking.config import read_tracker_config
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 REFUSALS = (DOCS / "refusals.md").read_text(encoding="utf-8")

@@ -88,11 +88,11 @@ def test_what_became_of_every_measurement_does_not_depend_on_the_order_either(
     inputs = site.stream(1.8)
 
     def told(order: Sequence[Input]) -> list[tuple[float, str, float | None]]:
-        replay = pushed(order)._replay  # what was told at first may have been revised
+        window = pushed(order)._window  # what was told at first may have been revised
         return [
-            (look.time, str(fate.kind), None if fate.distance is None else round(fate.distance, 6))
-            for look, belief in zip(replay.looks, replay.beliefs, strict=True)
-            for fate in belief.fates
+            (shot.time, str(disposition.kind), disposition.distance and round(disposition.distance, 6))
+            for shot, belief in zip(window.shots, window.beliefs, strict=True)
+            for disposition in belief.dispositions
         ]
 
     assert told(inputs) == told(site.late(inputs))

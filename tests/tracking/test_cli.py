@@ -23,9 +23,8 @@ from palletloc.io.truth import TruePallet, Truth, write_truth
 from palletloc.measurement import PalletMeasurement, YawSource
 from palletloc.offline import Job
 from palletloc.track_status import Status
-from tracking.config import TrackerConfig
+from tracking.config import TrackerConfig, read_tracker_config
 from tracking.files import read_events
-from tracking.parameters import read_tracker_config
 
 RECORDING = """\
 format: 1

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from palletloc.geometry import LevelPose
 from palletloc.measurement import PalletMeasurement, YawSource
 from tracking import EventKind, Odometry, PalletTracker, PartialMeasurement, ShotTaken, Twist, UnknownTrackError
-from tracking.faults import BadInputError
 from tracking.observation import COMPONENTS
 from tracking.tracker import Input
+from tracking.validation import BadInputError
 
 FEW = settings(
     max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]

@@ -13,17 +13,17 @@ from tracking import Odometry, PalletTracker, ShotTaken, Twist
 
 def sizes(tracker: PalletTracker) -> dict[str, int]:
     """Return how many of each thing it holds."""
-    replay, news, clock = tracker._replay, tracker._news, tracker._clock
+    window, log, clock = tracker._window, tracker._log, tracker._clock
     return {
-        "samples": len(replay.path),
-        "kept motions": len(replay.path._kept),
-        "looks": len(replay.looks),
-        "beliefs": len(replay.beliefs),
-        "tracks": len(replay.current.tracks),
-        "numbers": len(news.names.numbers),
-        "fates": len(news.fates),
-        "statuses": len(news.statuses),
-        "renewed": len(news.renewed),
+        "samples": len(window.path),
+        "kept motions": len(window.path._kept),
+        "shots": len(window.shots),
+        "beliefs": len(window.beliefs),
+        "tracks": len(window.current.tracks),
+        "numbers": len(log.numbering.numbers),
+        "dispositions": len(log.dispositions),
+        "statuses": len(log.statuses),
+        "renewed": len(log.renewed),
         "elsewhere": len(clock.elsewhere),
         "snapshot": len(repr(tracker.snapshot())),
     }

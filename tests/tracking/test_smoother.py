@@ -13,16 +13,12 @@ from scipy.stats import chi2
 from palletloc.geometry import FloatArray, LevelPose, level_pose, wrap_angle
 from palletloc.measurement import PalletMeasurement, YawSource
 from tracking.config import GateConfig, MeasurementErrors, TrackerConfig, WindowConfig
-from tracking.filter import PalletFilter
-from tracking.joint import Joint, alone
-from tracking.joint_filter import JointFilter, Seen
+from tracking.filter import Association, GroupFilter, model_of
 from tracking.motion import Motion, Twist
-from tracking.observation import Observation, observe
+from tracking.observation import Observation, ShotTaken, observe
 from tracking.odometry import Odometry, OdometryNoise
-from tracking.shot_taken import ShotTaken
-from tracking.smoother import SmoothedMoment, smoothed, smoothed_joints
-from tracking.state import POSE, Gaussian
-from tracking.track import Key
+from tracking.smoother import SmoothedMoment, smoothed, smoothed_groups
+from tracking.state import POSE, Gaussian, Key, TrackGroup
 from tracking.tracker import Input, PalletTracker
 
 NOISE = OdometryNoise(wheel_scale_percent=2.0, gyro_bias_deg_s=0.3)
@@ -97,21 +93,21 @@ def nees(state: Gaussian, true: FloatArray) -> float:
     return float(away @ np.linalg.solve(state.covariance[POSE, POSE], away))
 
 
-def chain_of(tracker: PalletTracker) -> dict[float, Joint]:
-    return {moment.time: joint for moment in tracker.history() for joint in moment.joints}
+def chain_of(tracker: PalletTracker) -> dict[float, TrackGroup]:
+    return {moment.time: group for moment in tracker.history() for group in moment.groups}
 
 
-def smoothed_chain(chain: Sequence[Joint]) -> list[Gaussian]:
-    return [state for (state,) in smoothed_joints([[joint] for joint in chain])]
+def smoothed_chain(chain: Sequence[TrackGroup]) -> list[Gaussian]:
+    return [state for (state,) in smoothed_groups([[group] for group in chain])]
 
 
-def without_odometry(chain: Sequence[Joint]) -> list[Joint]:
+def without_odometry(chain: Sequence[TrackGroup]) -> list[TrackGroup]:
     """Return a track as a smoother for motions without input has it: expected is F times the state before."""
     blind = [chain[0]]
-    for before, joint in pairwise(chain):
-        assert joint.foretold is not None
-        expected = Gaussian(joint.foretold.F @ before.state.mean, joint.foretold.state.covariance)
-        blind.append(replace(joint, foretold=replace(joint.foretold, state=expected)))
+    for before, group in pairwise(chain):
+        assert group.predicted is not None
+        expected = Gaussian(group.predicted.F @ before.state.mean, group.predicted.state.covariance)
+        blind.append(replace(group, predicted=replace(group.predicted, state=expected)))
     return blind
 
 
@@ -119,7 +115,7 @@ RUNS = [approach(seed) for seed in range(40)]
 
 
 @cache
-def chain_of_run(seed: int) -> dict[float, Joint]:
+def chain_of_run(seed: int) -> dict[float, TrackGroup]:
     return chain_of(followed(RUNS[seed]))
 
 
@@ -169,11 +165,10 @@ def test_what_odometry_gets_wrong_is_known_from_the_begin() -> None:
     assert [state.mean[4] for state in smooth] == pytest.approx([smooth[-1].mean[4]] * len(smooth), abs=1e-9)
 
 
-def straight(config: TrackerConfig, count: int = 8) -> tuple[list[Joint], list[Motion], list[Observation]]:
+def straight(config: TrackerConfig, count: int = 8) -> tuple[list[TrackGroup], list[Motion], list[Observation]]:
     """Filter a way without turns, whose equations are linear."""
-    random, engine = np.random.default_rng(5), PalletFilter(config)
-    together = JointFilter(engine)
-    chain: list[Joint] = []
+    random, group_filter = np.random.default_rng(5), GroupFilter(config)
+    chain: list[TrackGroup] = []
     motions: list[Motion] = []
     observations: list[Observation] = []
     for step in range(count):
@@ -182,11 +177,11 @@ def straight(config: TrackerConfig, count: int = 8) -> tuple[list[Joint], list[M
         assert isinstance(ready, Observation)
         observations.append(ready)
         if not chain:
-            chain.append(alone(Key(0.0, ""), engine.begin(observations[0])))
+            chain.append(TrackGroup((Key(0.0, ""),), group_filter.begin(observations[0])))
         else:
             motions.append(config.odometry.moved(Twist(0.6, 0.0, 0.0), 0.5))
-            foretold = together.predicted([chain[-1]], motions[-1])
-            chain += together.updated(foretold, [[Seen(0, observations[-1])]])
+            (predicted,) = group_filter.predict_groups([chain[-1]], motions[-1])
+            chain.append(group_filter.update_group(predicted, [(0, Association(observations[-1]))]))
     return chain, motions, observations
 
 
@@ -200,17 +195,17 @@ def test_on_a_linear_way_it_is_the_least_squares_solution(errors_alike: Measurem
     """All states together, conditioned on all measurements at once; a gyroscope without bias makes it singular."""
     config = replace(HONEST, odometry=STRAIGHT, errors=errors_alike)
     chain, motions, observations = straight(config)
-    engine, size, count = PalletFilter(config), 10, len(chain)
+    group_filter, size, count = GroupFilter(config), 10, len(chain)
     mean = np.zeros((count, size))
     covariance = np.zeros((count, size, count, size))
-    mean[0], covariance[0, :, 0] = engine.begin(observations[0])
+    mean[0], covariance[0, :, 0] = group_filter.begin(observations[0])
     for k, motion in enumerate(motions):
-        F, Q, mean[k + 1] = engine.transition(mean[k], motion)
+        F, Q, mean[k + 1] = group_filter.transition(mean[k], motion)
         for j in range(k + 1):
             covariance[k + 1, :, j] = F @ covariance[k, :, j]
             covariance[j, :, k + 1] = covariance[k + 1, :, j].T
         covariance[k + 1, :, k + 1] = F @ covariance[k, :, k] @ F.T + Q
-    models = [engine.model(one) for one in observations[1:]]
+    models = [model_of(observation) for observation in observations[1:]]
     H = np.zeros((4 * len(models), count * size))
     R = np.zeros((4 * len(models), 4 * len(models)))
     for k, (rows, noise) in enumerate(models):
@@ -238,7 +233,7 @@ def test_a_perfect_odometry_makes_one_pallet_of_all_shots() -> None:
 
 def test_nothing_is_carried_back_over_a_break() -> None:
     chain, _, _ = straight(HONEST)
-    broken = [*chain[:4], replace(chain[4], foretold=None, carried=()), *chain[5:]]
+    broken = [*chain[:4], replace(chain[4], predicted=None, carried=()), *chain[5:]]
     states, alone = smoothed_chain(broken), [*smoothed_chain(chain[:4]), *smoothed_chain(broken[4:])]
     for state, expected in zip(states, alone, strict=True):
         assert (state.mean == expected.mean).all()
@@ -246,7 +241,7 @@ def test_nothing_is_carried_back_over_a_break() -> None:
     assert abs(states[3].mean[0] - smoothed_chain(chain)[3].mean[0]) > 1e-6
 
 
-def turned(by: float) -> list[Joint]:
+def turned(by: float) -> list[TrackGroup]:
     """Return a run's track with another heading of the pallet."""
 
     def rotated(one: Input) -> Input:
@@ -265,9 +260,9 @@ def turned(by: float) -> list[Joint]:
 def test_a_yaw_may_pass_through_half_a_turn(step: int) -> None:
     """With another heading the same errors come out, also where the cut lies between two states of one step."""
     tracks = turned(0.0)
-    plain, foretold = smoothed_chain(tracks), tracks[step].foretold
-    assert foretold is not None
-    by = math.pi - float(plain[step].mean[3] + foretold.state.mean[3]) / 2
+    plain, predicted = smoothed_chain(tracks), tracks[step].predicted
+    assert predicted is not None
+    by = math.pi - float(plain[step].mean[3] + predicted.state.mean[3]) / 2
     over = smoothed_chain(turned(by))
     assert len({np.sign(state.mean[3]) for state in over}) == 2
     for one, other in zip(plain, over, strict=True):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import lru_cache
 
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from tracking.config import GateConfig
 
@@ -26,7 +26,7 @@ def chi_square_limit(probability: float, dof: int) -> float:
     >>> round(chi_square_limit(0.99, 4), 2)
     13.28
     """
-    return float(chi2.ppf(probability, dof))
+    return float(2 * gammaincinv(dof / 2, probability))
 
 
 @lru_cache(maxsize=256)

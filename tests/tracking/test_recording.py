@@ -26,9 +26,9 @@ from palletloc.trajectory import Trajectory
 from tracking.config import LifeConfig, MeasurementErrors, TrackerConfig
 from tracking.events import EventKind
 from tracking.files import read_events, track_row
+from tracking.observation import ShotTaken
 from tracking.odometry import Odometry, samples_of
-from tracking.offline import TrackedRecording, read_measured, track_recording, write_run
-from tracking.shot_taken import ShotTaken
+from tracking.recording import TrackedRecording, read_measured, track_recording, write_run
 from tracking.tracker import PalletTracker
 
 T11 = PalletModel("t11", 1.1, 0.144, 1.1, (Opening(-0.265, 0.024, 0.29, 0.092), Opening(0.265, 0.024, 0.29, 0.092)))

@@ -16,8 +16,8 @@ from palletloc.localizer import Localizer
 from palletloc.measurement import PalletMeasurement
 from palletloc.shelf import ShelfPlane
 from tracking.events import Event, EventKind
+from tracking.observation import ShotTaken
 from tracking.odometry import Odometry, samples_of
-from tracking.shot_taken import ShotTaken
 from tracking.tracker import Input, PalletTracker
 
 MOST_HELD = 32

@@ -18,12 +18,11 @@ from palletloc.pallet import Opening, PalletModel
 from palletloc.shelf import ShelfPlane
 from palletloc.track_status import Status
 from palletloc.trajectory import Trajectory
-from tracking.deviation import track_deviations
-from tracking.figure import MOST_BESIDE, track_figure
-from tracking.offline import ShotTracks, TrackedRecording
+from tracking.figure import MOST_BESIDE, track_deviations, track_figure
+from tracking.recording import ShotTracks, TrackedRecording
 from tracking.smoother import SmoothedState
-from tracking.state import Gaussian
-from tracking.track import Key, Track
+from tracking.state import Gaussian, Key
+from tracking.track import Track
 
 T11 = PalletModel("t11", 1.1, 0.144, 1.1, (Opening(0.0, 0.024, 0.29, 0.092),))
 TIMES = (0.0, 1.0, 2.0)

@@ -20,9 +20,9 @@ from palletloc.shelf import ShelfPlane
 from tracking.config import MeasurementErrors, TrackerConfig
 from tracking.events import Event, EventKind
 from tracking.motion import Twist
+from tracking.observation import ShotTaken
 from tracking.odometry import Odometry
-from tracking.shot_taken import ShotTaken
-from tracking.stream import MOST_HELD, CameraShot, RecordingSource, ShelfLocalizer, stream
+from tracking.streaming import MOST_HELD, CameraShot, RecordingSource, ShelfLocalizer, stream
 from tracking.tracker import Input, PalletTracker
 
 SAMPLE = Path(str(files("palletloc") / "sample"))

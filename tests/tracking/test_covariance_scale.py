@@ -11,7 +11,7 @@ import pytest
 from palletloc.geometry import LevelPose, wrap_angle
 from tracking import EventKind, Odometry, PalletTracker, TrackerConfig
 from tracking.config import GateConfig, MeasurementErrors
-from tracking.gate import covariance_scale
+from tracking.gating import covariance_scale
 
 CONFIG = GateConfig()
 PALLET = LevelPose(6.0, 2.0, 0.0, math.pi / 2)

@@ -11,7 +11,7 @@ from benchmarks.consistency_tables import class_table, factor_table
 from benchmarks.scenes import DrawnScene, draw_scene
 from benchmarks.tables import Section
 from benchmarks.views import ShotViews, expose, look, recorded
-from palletloc.config import Method
+from palletloc.choices import Method
 from palletloc.localizer import Localizer
 from palletloc.synthetic.simulation import simulate
 

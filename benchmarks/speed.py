@@ -13,7 +13,7 @@ from rich.progress import track
 from benchmarks.memory import peak_memory
 from benchmarks.stopwatch import Timings, joined, take_turns
 from benchmarks.tables import Column, Section, Value
-from palletloc.config import Method
+from palletloc.choices import Method
 from palletloc.detection import detect
 from palletloc.errors import PalletLocError
 from palletloc.geometry import Image, LevelPose

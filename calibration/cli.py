@@ -195,9 +195,9 @@ def convert(
     """Convert a camera file to the form of another program, or to another lens model."""
     from math import degrees, radians
 
-    from calibration.formats.convert import convert as convert_file
+    from calibration.formats.convert import convert_camera
 
-    done = convert_file(source, to, out, camera, radians(max_angle_deg))
+    done = convert_camera(source, to, out, camera, radians(max_angle_deg))
     console = Console()
     console.print(Text(f"{done.source} -> {done.target}"))
     for name, left in zip(done.names, done.differences, strict=False):

@@ -10,11 +10,11 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from scipy.stats import chi2
 
 from calibration.findings import Finding, Severity
-from palletloc.evaluation.rigid_body import FitError, UncertainPose, fit_rigid, is_mirrored, relative_pose
-from palletloc.evaluation.survey.point import Survey, SurveyPoint
-from palletloc.evaluation.survey_faults import check_distances, distance_limit
-from palletloc.evaluation.surveyed_body import SurveyedBody
 from palletloc.geometry import FloatArray
+from palletloc.survey.bodies import SurveyedBody
+from palletloc.survey.faults import check_distances, distance_limit
+from palletloc.survey.point import Survey, SurveyPoint
+from palletloc.survey.rigid_body import FitError, UncertainPose, fit_rigid, is_mirrored, relative_pose
 
 _CHANCE = 0.001
 _LINE = 0.02

@@ -1,4 +1,4 @@
-"""What a calibration command did: its exit code, what it prints and what it wrote."""
+"""The files of a result: what a calibration gives, and its report as HTML and JSON beside it."""
 
 from __future__ import annotations
 
@@ -6,6 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import RenderableType
+
+from calibration.findings import PASS
+from calibration.result_page import html_text, json_text
+from calibration.sections import ResultPage
+from palletloc.io.atomic import write_text
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,6 +27,63 @@ class Outcome:
     """Why it failed, and what is restricted: one line each."""
 
 
+def write_result(result: ResultPage, out: Path) -> tuple[Path, ...]:
+    """Write the file that a calibration gives, and its report beside it.
+
+    A result that fails writes its report only, under a name that does not exist yet: what an earlier run gave stays.
+
+    Parameters
+    ----------
+    result : ResultPage
+        The result.
+    out : Path
+        The file to write; the report gets its name with other endings.
+
+    Returns
+    -------
+    tuple of Path
+        What was written.
+
+    Raises
+    ------
+    OutputError
+        If a file cannot be written.
+    """
+    passed = result.exit_code == PASS and result.content is not None
+    stem = out.with_suffix("") if passed else free_stem(out)
+    report = write_report(result, stem.with_name(stem.name + ".html"))
+    if not passed or result.content is None:
+        return report
+    write_text(out, result.content)
+    return out, *report
+
+
+def write_report(result: ResultPage, page: Path) -> tuple[Path, Path]:
+    """Write the report of a result as HTML, and the same as JSON beside it.
+
+    Parameters
+    ----------
+    result : ResultPage
+        The result.
+    page : Path
+        The file for the HTML.
+
+    Returns
+    -------
+    page, numbers : Path
+        The files.
+
+    Raises
+    ------
+    OutputError
+        If a file cannot be written.
+    """
+    numbers, text = page.with_suffix(".json"), json_text(result)
+    write_text(page, html_text(result))
+    write_text(numbers, text)
+    return page, numbers
+
+
 def free_stem(out: Path) -> Path:
     """Return a name for the reports of a failed run under which there is nothing yet.
 
@@ -29,6 +91,11 @@ def free_stem(out: Path) -> Path:
     ----------
     out : Path
         The file that a run that passes would have written.
+
+    Returns
+    -------
+    Path
+        Without an ending.
     """
     stem = out.with_suffix("")
     for number in range(1, 10_000):

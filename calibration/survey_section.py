@@ -11,12 +11,12 @@ import numpy as np
 from pydantic import Field
 
 from calibration.forklift_frame import ForkliftFrame, direct_frame, frame_from_points, frame_from_wheels
-from palletloc.evaluation.survey.point import Survey
-from palletloc.evaluation.survey.reading import read_survey
-from palletloc.evaluation.survey_plan import Name, PrismSpec, Sigma, prism_use
 from palletloc.geometry import FloatArray
 from palletloc.io.schema import Triple
 from palletloc.io.yaml_document import Document, DocumentError
+from palletloc.survey.plan import Name, PrismSpec, Sigma, prism_use
+from palletloc.survey.point import Survey
+from palletloc.survey.reading import read_survey
 
 _FLOOR_SIGMA = 0.001
 

@@ -18,7 +18,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from palletloc.drawing.canvas import show_view
-from palletloc.evaluation.errors import true_faces
+from palletloc.evaluation.pose_error import true_faces
 from palletloc.geometry import LevelPose
 from palletloc.horizontal_view import HorizontalView, YawConfig, view_horizontal
 from palletloc.io.recording import read_recording

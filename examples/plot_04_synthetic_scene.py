@@ -15,7 +15,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from palletloc.drawing.canvas import rgb
-from palletloc.evaluation.errors import shot_errors, true_faces
+from palletloc.evaluation.pose_error import from_measurements, true_faces
+from palletloc.evaluation.run_match import match_shot
 from palletloc.io.truth import TruePallet
 from palletloc.localizer import Localizer
 from palletloc.mounting import Mounting
@@ -44,9 +45,9 @@ found = localizer.localize(image, time, shelf)
 # that belong to them: depth into the pallet, along its front, up, and yaw.
 
 mounting = simulation.forklift_from_camera
-placed = [TruePallet(one.name, one.model.name, one.world_from_pallet) for one in simulation.aisle.pallets]
+placed = [TruePallet(drawn.name, drawn.model.name, drawn.world_from_pallet) for drawn in simulation.aisle.pallets]
 faces = true_faces(placed, {pallet.name: pallet.width}, simulation.truth.pose_at(time), mounting)
-shot = shot_errors(time, found, faces, float(mounting.translation[2]))
+shot = match_shot(time, from_measurements(found), faces)
 for error in shot.errors:
     print(
         f"{error.face.id:>3}, {error.face.range:.1f} m away, {error.face.below:.1f} m below the camera: "
@@ -65,11 +66,11 @@ for face in faces:
         ends = face.forklift_from_pallet.transform().apply([[0, -pallet.width / 2, 0], [0, pallet.width / 2, 0]])
         axes.plot(ends[:, 0], ends[:, 1], color="0.6", linewidth=5, solid_capstyle="butt")
 circle = np.stack([np.cos(np.linspace(0, 2 * np.pi, 60)), np.sin(np.linspace(0, 2 * np.pi, 60))])
-for one in found:
-    pose = one.forklift_from_pallet
+for measured in found:
+    pose = measured.forklift_from_pallet
     ends = pose.transform().apply([[0, -pallet.width / 2, 0], [0, pallet.width / 2, 0]])
     axes.plot(ends[:, 0], ends[:, 1], color="tab:red", linewidth=1)
-    ellipse = 10 * np.linalg.cholesky(one.covariance[:2, :2]) @ circle
+    ellipse = 10 * np.linalg.cholesky(measured.covariance[:2, :2]) @ circle
     axes.plot(pose.x + ellipse[0], pose.y + ellipse[1], color="tab:red", linewidth=1)
 axes.plot(*mounting.translation[:2], "k^")
 axes.set(

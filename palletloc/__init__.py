@@ -6,7 +6,8 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from palletloc.config import LocalizerConfig, Method
+    from palletloc.choices import Method
+    from palletloc.config import LocalizerConfig
     from palletloc.errors import PalletLocError
     from palletloc.geometry import LevelPose
     from palletloc.io.recording import Recording, read_recording
@@ -25,7 +26,7 @@ _HOMES = {
     "LevelPose": "geometry",
     "Localizer": "localizer",
     "LocalizerConfig": "config",
-    "Method": "config",
+    "Method": "choices",
     "Mounting": "mounting",
     "Opening": "pallet",
     "PalletLocError": "errors",

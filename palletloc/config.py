@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from enum import StrEnum
 
 from palletloc.horizontal_view import YawConfig
 from palletloc.joint_search import JointSearchConfig
@@ -13,19 +12,6 @@ from palletloc.refinement.alignment import FaceFitConfig
 from palletloc.refinement.hypotheses import SearchConfig
 from palletloc.shelf_view import DetectionConfig
 from palletloc.verification import VerificationConfig
-
-
-class Method(StrEnum):
-    """How a pose is measured from where a pallet may stand."""
-
-    REFINED = "refined"
-    """Hypotheses scored in the image, then all edges of the face to a fraction of a pixel."""
-    HORIZONTAL_PLANE = "horizontal_plane"
-    """Yaw from the horizontal plane by sub-pixel lines, position by the sweep and the face's edges."""
-    PAPER = "paper"
-    """As the paper states it: the Hough transform's angle, and the sweep without any height prior."""
-    JOINT_SEARCH = "joint_search"
-    """The paper's baseline: yaw and distance searched jointly in the vertical projection."""
 
 
 @dataclass(frozen=True, slots=True)

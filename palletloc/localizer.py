@@ -12,7 +12,8 @@ from palletloc.aliases import ask_beside
 from palletloc.baselines import measure_as_in_paper, measure_jointly
 from palletloc.cameras.protocol import CameraModel
 from palletloc.candidate import Candidate, ShotView
-from palletloc.config import LocalizerConfig, Method
+from palletloc.choices import Method
+from palletloc.config import LocalizerConfig
 from palletloc.detection import Detection, detect
 from palletloc.exclusivity import Measure, challenge, exclude_overlaps
 from palletloc.exposure import brightened, points_about, shelf_points

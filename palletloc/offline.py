@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 
-from palletloc.config import LocalizerConfig, Method, PriorConfig
+from palletloc.choices import Method
+from palletloc.config import LocalizerConfig, PriorConfig
 from palletloc.errors import PalletLocError, nearest_name
 from palletloc.geometry import Image
 from palletloc.io.csv_table import read_rows, shortened

@@ -11,15 +11,16 @@ import typer
 import yaml
 
 from palletloc.__main__ import COMMANDS
+from palletloc.choices import Method
 from palletloc.cli.app import Command
-from palletloc.config import LocalizerConfig, Method
-from palletloc.evaluation.error_table import ERROR_COLUMNS
+from palletloc.config import LocalizerConfig
+from palletloc.evaluation.recording import ERROR_COLUMNS
 from palletloc.io.config_file import read_config
 from palletloc.io.tracks import TRACK_COLUMNS
 from palletloc.measurement import Reason, Stage
+from tracking.config import read_tracker_config
 from tracking.events import EventKind
 from tracking.files import EVENT_COLUMNS
-from tracking.config import read_tracker_config
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 REFUSALS = (DOCS / "refusals.md").read_text(encoding="utf-8")

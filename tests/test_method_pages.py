@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from palletloc.config import LocalizerConfig, Method
+from palletloc.choices import Method
+from palletloc.config import LocalizerConfig
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 PIPELINE = (DOCS / "pipeline.md").read_text(encoding="utf-8")

@@ -16,8 +16,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.table import Table
 from rich.text import Text
 
+from palletloc.choices import Method
 from palletloc.cli.localize import Tally, fill
-from palletloc.config import LocalizerConfig, Method
+from palletloc.config import LocalizerConfig
 from palletloc.io.config_file import format_config, read_config
 from palletloc.io.recording import Recording, read_recording
 from palletloc.io.run_folder import MEASUREMENTS, Run, RunFolder

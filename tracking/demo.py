@@ -15,12 +15,18 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from palletloc.evaluation.estimate import PalletEstimate
-from palletloc.evaluation.estimate_error import offsets
-from palletloc.evaluation.evaluated_recording import EvaluatedRecording, evaluate_recording, write_results
-from palletloc.evaluation.evaluated_run import EvaluatedSource, Settings, evaluate_run
-from palletloc.evaluation.recording_truth import RecordingTruth, read_recording_truth
-from palletloc.evaluation.run_files import SHOTS_SOURCE, TRACKS_SOURCE, RunFiles, read_run
+from palletloc.evaluation.pose_error import PalletEstimate, offsets
+from palletloc.evaluation.recording import EvaluatedRecording, evaluate_recording, write_results
+from palletloc.evaluation.run import (
+    SHOTS_SOURCE,
+    TRACKS_SOURCE,
+    EvaluatedSource,
+    RunFiles,
+    Settings,
+    evaluate_run,
+    read_run,
+)
+from palletloc.evaluation.truth import RecordingTruth, read_recording_truth
 from palletloc.io.atomic import write_text
 from palletloc.io.run_folder import MEASUREMENTS, Run, RunFolder
 from palletloc.io.truth import read_truth

@@ -23,7 +23,7 @@ from palletloc.drawing.canvas import (
     add_text,
     new_figure,
 )
-from palletloc.evaluation.errors import PAIRING_DISTANCE
+from palletloc.evaluation.run_match import PAIRING_DISTANCE
 from palletloc.geometry import FloatArray, LevelPose, level_pose, wrap_angle
 from palletloc.io.tracks import TrackRow
 from palletloc.io.truth import TruePallet, Truth

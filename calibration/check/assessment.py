@@ -54,7 +54,9 @@ def _findings(check: MountingCheck, tolerance: float) -> Iterator[Finding]:
         yield Finding(
             Severity.DEGENERATE,
             "nothing_seen",
-            "no source tells roll and pitch (" + "; ".join(f"{one.method}: {one.why}" for one in check.absent) + ")",
+            "no source tells roll and pitch ("
+            + "; ".join(f"{source.method}: {source.why}" for source in check.absent)
+            + ")",
             "record where uprights, walls or doors are in view, with enough light",
         )
         return
@@ -71,9 +73,9 @@ def _findings(check: MountingCheck, tolerance: float) -> Iterator[Finding]:
     yield from _contradictions(check)
     yield from _yaw(check)
     yield from _height(check)
-    for one in check.absent:
+    for source in check.absent:
         yield Finding(
-            Severity.NOTE, "source_absent", f"{one.method} say nothing: {one.why}", "nothing, the others do"
+            Severity.NOTE, "source_absent", f"{source.method} say nothing: {source.why}", "nothing, the others do"
         )
 
 

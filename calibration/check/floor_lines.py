@@ -64,7 +64,10 @@ def floor_sights(shots: Sequence[Segments], poses: FloatArray, center: FloatArra
         The shelf's front in odom. Only the aisle counts, no farther to either side of the camera than the front: what
         seems to be on the floor there may be a load.
     """
-    parts = [_on_floor(one, pose, center, front, i) for i, (one, pose) in enumerate(zip(shots, poses, strict=True))]
+    parts = [
+        _on_floor(segments, pose, center, front, i)
+        for i, (segments, pose) in enumerate(zip(shots, poses, strict=True))
+    ]
     if not parts:
         return FloorSights(np.zeros((0, 3)), *(np.zeros(0) for _ in range(6)))
     joined = [np.concatenate(columns) for columns in zip(*parts, strict=True)]

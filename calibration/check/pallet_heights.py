@@ -1,7 +1,7 @@
 """What the heights at which pallets appear over the way say of the camera's turn and height.
 
 A camera that is nose-down sees what is before it too high and what is behind it too low. A pallet does not move while
-the forklift passes it, so that it is a witness even where its own height is not known.
+the forklift passes it, so that it tells even where its own height is not known.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class HeightSights:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class HeightWitness:
+class HeightEstimate:
     """What pallets say of roll, pitch and height together."""
 
     tilt: Tilt
@@ -91,29 +91,36 @@ def see_heights(survey: ShelfSurvey) -> HeightSights | None:
     HeightSights or None
         None where too few are seen.
     """
-    recording, bundle = survey.recording, survey.bundle
-    if not len(bundle.pallets):
+    recording, solution = survey.recording, survey.solution
+    if not len(solution.pallets):
         return None
-    seen = np.array([one.pose.z for one in survey.observed.pallets])
+    seen = np.array([sight.pose.z for sight in survey.observed.pallets])
     owner = survey.observed.pallet_of
-    heights = np.array([float(np.median(seen[owner == i])) for i in range(len(bundle.pallets))])
+    heights = np.array([float(np.median(seen[owner == i])) for i in range(len(solution.pallets))])
     config = replace(LocalizerConfig(), prior=replace(LocalizerConfig().prior, free_sigma=_FREE))
     localizer = Localizer(recording.camera, recording.mounting, recording.models, config=config)
-    shots = np.unique([one.shot for one in survey.observed.pallets])
+    shots = np.unique([sight.shot for sight in survey.observed.pallets])
     rows: list[tuple[float, ...]] = []
     for number in shots[np.unique(np.linspace(0, len(shots) - 1, _MOST_SHOTS).round().astype(int))]:
-        mine = [i for one, i in zip(survey.observed.pallets, owner, strict=True) if one.shot == number]
+        mine = [i for sight, i in zip(survey.observed.pallets, owner, strict=True) if sight.shot == number]
         mine = list(dict.fromkeys(int(i) for i in mine))
-        there = relative(bundle.poses[number], bundle.pallets[mine])
+        there = relative(solution.poses[number], solution.pallets[mine])
         starts = [
             Start(survey.models[i].name, LevelPose(float(x), float(y), float(heights[i]), float(yaw)))
             for i, (x, y, yaw) in zip(mine, there, strict=True)
         ]
         shot = recording.shots[survey.shots[int(number)]]
         found = localizer.localize_from(recording.image(shot), shot.time, starts, (), shot.file)
-        for i, place, one in zip(mine, there, found, strict=True):
-            if one is not None and one.model == survey.models[i].name:
-                rows.append((i, *_sight(one.forklift_from_pallet, one.covariance, recording.mounting.center, place)))
+        for i, place, measurement in zip(mine, there, found, strict=True):
+            if measurement is not None and measurement.model == survey.models[i].name:
+                rows.append(
+                    (
+                        i,
+                        *_sight(
+                            measurement.forklift_from_pallet, measurement.covariance, recording.mounting.center, place
+                        ),
+                    )
+                )
     if len(rows) < _LEAST_SIGHTS:
         return None
     levels = np.array(recording.shelf.levels or (np.inf,))
@@ -139,7 +146,7 @@ def _sight(
     return float(np.arctan2(y, x)), distance, float(np.arctan2(z, across)), float(np.hypot(sigma, _ELEVATION))
 
 
-def height_witness(sights: HeightSights, camera_height: float) -> HeightWitness | None:
+def height_estimate(sights: HeightSights, camera_height: float) -> HeightEstimate | None:
     """Return the tilt and the height of the camera that explain at which elevations pallets are seen.
 
     Parameters
@@ -151,7 +158,7 @@ def height_witness(sights: HeightSights, camera_height: float) -> HeightWitness 
 
     Returns
     -------
-    HeightWitness or None
+    HeightEstimate or None
         None where there are too few sights.
 
     Notes
@@ -177,4 +184,4 @@ def height_witness(sights: HeightSights, camera_height: float) -> HeightWitness 
     covariance = np.asarray(np.linalg.inv(told))
     information = np.linalg.inv(covariance[:2, :2])
     tilt = Tilt(solution[:2], np.asarray(information), len(index))
-    return HeightWitness(tilt, float(solution[2]), covariance[:3, :3], len(np.unique(index)))
+    return HeightEstimate(tilt, float(solution[2]), covariance[:3, :3], len(np.unique(index)))

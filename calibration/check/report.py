@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from calibration.check.assessment import CheckAssessment
 from calibration.check.mounting import MountingCheck
-from calibration.check.sources import NamedTilt
+from calibration.check.tilt_sources import NamedTilt
 from calibration.finding_table import finding_data, finding_parts
 from calibration.shelf.gravity_lines import upright_edges
 from palletloc.drawing.canvas import (
@@ -46,10 +46,10 @@ def check_data(assessment: CheckAssessment) -> dict[str, Any]:
     data: dict[str, Any] = {
         "format": 1,
         "exit_code": assessment.exit_code,
-        "reasons": [finding_data(one) for one in assessment.findings],
+        "reasons": [finding_data(finding) for finding in assessment.findings],
         "tolerance_deg": float(np.degrees(assessment.tolerance)),
     }
-    data["absent"] = [{"method": one.method, "why": one.why} for one in check.absent]
+    data["absent"] = [{"method": source.method, "why": source.why} for source in check.absent]
     if check.turn is None:
         return data
     data["turned_deg"] = dict(zip(("roll", "pitch"), np.degrees(check.turn).tolist(), strict=True))
@@ -59,18 +59,22 @@ def check_data(assessment: CheckAssessment) -> dict[str, Any]:
         data["turned_deg"]["yaw"], data["sigma_deg"]["yaw"] = (float(np.degrees(value)) for value in check.yaw)
     data["methods"] = [
         {
-            "method": one.method,
-            "roll_deg": float(-np.degrees(one.tilt.turn[0])),
-            "pitch_deg": float(-np.degrees(one.tilt.turn[1])),
-            "sigma_deg": [value if value < _OPEN_DEG else None for value in source_sigma(one)],
-            "information_per_rad2": one.tilt.information.tolist(),
-            "segments": one.tilt.segments,
+            "method": source.method,
+            "roll_deg": float(-np.degrees(source.tilt.turn[0])),
+            "pitch_deg": float(-np.degrees(source.tilt.turn[1])),
+            "sigma_deg": [value if value < _OPEN_DEG else None for value in source_sigma(source)],
+            "information_per_rad2": source.tilt.information.tolist(),
+            "segments": source.tilt.segments,
         }
-        for one in check.tilts
+        for source in check.tilts
     ]
     data["yaw_methods"] = [
-        {"method": one.method, "yaw_deg": float(np.degrees(one.turn)), "sigma_deg": float(np.degrees(one.sigma))}
-        for one in check.yaws
+        {
+            "method": source.method,
+            "yaw_deg": float(np.degrees(source.turn)),
+            "sigma_deg": float(np.degrees(source.sigma)),
+        }
+        for source in check.yaws
     ]
     if check.height is not None:
         data["height_mm"], data["height_sigma_mm"] = (1000 * value for value in check.height)
@@ -101,13 +105,17 @@ def _parts(assessment: CheckAssessment) -> Iterator[str]:
     columns = ("roll", "sigma", "pitch", "sigma")
     yield table(
         (Column("source", is_text=True), *(Column(f"{name} {_DEGREE}") for name in columns), Column("sights")),
-        [source_row(one) for one in check.tilts] + [[one.method, "", "", "", "", "0"] for one in check.absent],
+        [source_row(source) for source in check.tilts]
+        + [[source.method, "", "", "", "", "0"] for source in check.absent],
     )
     yield paragraph(agreement(check))
     if check.yaws:
         yield table(
             (Column("yaw by", is_text=True), Column(f"yaw {_DEGREE}"), Column(f"sigma {_DEGREE}")),
-            [[one.method, f"{np.degrees(one.turn):+.2f}", f"{np.degrees(one.sigma):.2f}"] for one in check.yaws],
+            [
+                [source.method, f"{np.degrees(source.turn):+.2f}", f"{np.degrees(source.sigma):.2f}"]
+                for source in check.yaws
+            ],
         )
     yield picture(
         embedded(small_png(_figure(check))), "How upright edges lean, by the direction in which they are seen.",
@@ -139,17 +147,17 @@ def agreement(check: MountingCheck) -> str:
     return " ".join(parts)
 
 
-def source_row(one: NamedTilt) -> list[str]:
+def source_row(source: NamedTilt) -> list[str]:
     """Return the cells of a source; an axis that it leaves open stays empty."""
-    cells = [one.method]
-    for value, sigma in zip(one.tilt.turn, source_sigma(one), strict=True):
+    cells = [source.method]
+    for value, sigma in zip(source.tilt.turn, source_sigma(source), strict=True):
         cells += [f"{-np.degrees(value):+.3f}", f"{sigma:.3f}"] if sigma < _OPEN_DEG else ["", ""]
-    return [*cells, str(one.tilt.segments)]
+    return [*cells, str(source.tilt.segments)]
 
 
-def source_sigma(one: NamedTilt) -> list[float]:
+def source_sigma(source: NamedTilt) -> list[float]:
     """Return the standard deviations of roll and pitch by one source, in degrees; an axis left open has about 57."""
-    covariance = np.linalg.inv(one.tilt.information + np.eye(2))
+    covariance = np.linalg.inv(source.tilt.information + np.eye(2))
     return [float(value) for value in np.degrees(np.sqrt(np.diag(covariance)))]
 
 

@@ -56,7 +56,7 @@ def calibrate_check(
         files = (out, out.with_suffix(".json"))
         write_text(out, check_page(assessment))
         write_text(files[1], json.dumps(check_data(assessment), indent=1, allow_nan=False) + "\n")
-    reasons = tuple(finding_line(one) for one in assessment.findings)
+    reasons = tuple(finding_line(finding) for finding in assessment.findings)
     return Outcome(assessment.exit_code, tuple(_summary(assessment)), files, reasons)
 
 
@@ -69,6 +69,6 @@ def _summary(assessment: CheckAssessment) -> list[RenderableType]:
     sources = Table(box=box.SIMPLE_HEAD)
     for name in ("source", "roll \N{DEGREE SIGN}", "sigma", "pitch \N{DEGREE SIGN}", "sigma", "sights"):
         sources.add_column(name, justify="left" if name == "source" else "right")
-    for one in assessment.check.tilts:
-        sources.add_row(*source_row(one))
+    for source in assessment.check.tilts:
+        sources.add_row(*source_row(source))
     return [table, sources, Text(agreement(assessment.check))] if table.row_count else []

@@ -9,8 +9,7 @@ import cv2
 import numpy as np
 
 from calibration.formats.camera_file import FiledCamera, alone, built, fisheye
-from calibration.formats.fields import Fields, FormatError
-from calibration.formats.file_storage import StorageFile
+from calibration.formats.fields import Fields, FormatError, StorageFile
 from palletloc.cameras import CameraModel, KannalaBrandt, Mei, Pinhole
 from palletloc.geometry import FloatArray
 from palletloc.io.images import MAX_SIDE_PX

@@ -7,15 +7,15 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
+import cv2
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from calibration.bearing_dlt import pose_from_bearings
 from calibration.board_detection import SCALES, Marker, detect_markers
-from calibration.intrinsics.chessboards import SIGMA_PX, find_chessboard
 from calibration.intrinsics.corner_file import read_corners
 from calibration.intrinsics.task import Chessboard, IntrinsicsTask
-from calibration.lenses.bundle import BoardView
+from calibration.lenses.problem import BoardView
 from calibration.targets import CharucoBoard, Pattern, patterns
 from calibration.texture_alignment import AlignedCorners, align_corners, on_board
 from palletloc.cameras import CameraModel, KannalaBrandt
@@ -24,6 +24,8 @@ from palletloc.io.images import read_image
 from palletloc.io.reading import read_bytes
 
 _SAME_PX = 1e-3
+_CHESSBOARD_SIGMA_PX = 0.03
+"""The chessboard detector's corners are not better than this; the fit says how much worse."""
 _FOCAL_GUESS, _FAR = 0.4, 100.0
 _MARKER_SIGMA_PX, _FEWEST_MARKERS = 0.3, 3
 _WIDEST = float(np.radians(115.0))
@@ -92,15 +94,22 @@ def _collect_lens(task: IntrinsicsTask, found: Collected, image: Image, shot: st
     plain = {name: board for name, board in task.boards.items() if isinstance(board, Chessboard)}
     for name, chessboard in plain.items():
         offset, part = _part(task, image, lens)
-        corners = find_chessboard(part, chessboard)
+        corners = _find_chessboard(part, chessboard)
         if corners is not None:
-            sigma = np.full(len(corners), SIGMA_PX)
+            sigma = np.full(len(corners), _CHESSBOARD_SIGMA_PX)
             place = _place(task, shot, name, lens)
             found.views.append(BoardView(*place, chessboard.corners, corners + np.array([offset, 0.0]), sigma))
             found.shots[place[0]] = shot
     coded = {name: board for name, board in task.boards.items() if isinstance(board, CharucoBoard)}
     if coded:
         _collect_coded(task, found, image, shot, lens, coded)
+
+
+def _find_chessboard(image: Image, board: Chessboard) -> FloatArray | None:
+    """Return the pixels of a board's inner corners, (n, 2), row by row; None where it is not seen whole."""
+    flags = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_NORMALIZE_IMAGE
+    found, corners = cv2.findChessboardCornersSB(image, (board.columns, board.rows), flags=flags)
+    return np.asarray(corners, dtype=np.float64).reshape(-1, 2) if found else None
 
 
 def _collect_coded(
@@ -205,7 +214,7 @@ def _equidistant(task: IntrinsicsTask, lens: int) -> KannalaBrandt:
     aperture = task.apertures[lens]
     focal = _FOCAL_GUESS * aperture.width
     reach = float(np.hypot(*task.size)) / 2 / focal
-    column, row = (float(one) for one in aperture.center)
+    column, row = (float(value) for value in aperture.center)
     return KannalaBrandt(*task.size, focal, focal, column, row, max_angle=min(reach, _WIDEST))
 
 
@@ -213,7 +222,7 @@ def _merge_same_corners(found: Collected) -> None:
     """Drop views whose corners another view has, too."""
     kept: list[BoardView] = []
     for view in found.views:
-        twin = next((one for one in kept if _same(one, view)), None)
+        twin = next((earlier for earlier in kept if _same(earlier, view)), None)
         if twin is None:
             kept.append(view)
         else:
@@ -221,10 +230,10 @@ def _merge_same_corners(found: Collected) -> None:
     found.views = kept
 
 
-def _same(one: BoardView, other: BoardView) -> bool:
-    if one.shot == other.shot or one.lens != other.lens or one.pixels.shape != other.pixels.shape:
+def _same(first: BoardView, second: BoardView) -> bool:
+    if first.shot == second.shot or first.lens != second.lens or first.pixels.shape != second.pixels.shape:
         return False
-    return bool(np.abs(one.pixels - other.pixels).max() < _SAME_PX and np.array_equal(one.points, other.points))
+    return bool(np.abs(first.pixels - second.pixels).max() < _SAME_PX and np.array_equal(first.points, second.points))
 
 
 def measure_again(

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from calibration.intrinsics.assessment import Checked
-from calibration.intrinsics.coverage import SECTORS, Coverage
+from calibration.intrinsics.assessment import SECTORS, Checked, Coverage
 from calibration.lenses.fit import LensFit
 from palletloc.drawing.canvas import FAINT, GRID, INK, SERIES, WIDTH_PX, add_axes, add_legend, add_text, new_figure
 
@@ -29,21 +28,21 @@ def coverage_figure(coverage: Sequence[Coverage]) -> Figure:
     figure = _titled(
         560, "Coverage", f"Angle off axis ({_DEGREE}) from the middle outwards; grey: sectors without a corner"
     )
-    for lens, one in enumerate(coverage):
+    for lens, cover in enumerate(coverage):
         left = _LEFT + lens * (_SIDE + 120)
         axes = add_axes(figure, left, _HEAD + 10, _SIDE, _SIDE)
-        limit = 1.05 * np.degrees(one.max_angle)
+        limit = 1.05 * np.degrees(cover.max_angle)
         axes.set(xlim=(-limit, limit), ylim=(limit, -limit))
         axes.set_aspect("equal")
-        rings = np.degrees(one.max_angle) * np.arange(len(one.filled) + 1) / len(one.filled)
-        for (ring, sector), filled in np.ndenumerate(one.filled):
+        rings = np.degrees(cover.max_angle) * np.arange(len(cover.filled) + 1) / len(cover.filled)
+        for (ring, sector), filled in np.ndenumerate(cover.filled):
             if not filled:
                 turn = 2 * np.pi * (sector + np.linspace(0, 1, 9)) / SECTORS
                 edge = np.concatenate([rings[ring] * np.exp(1j * turn), rings[ring + 1] * np.exp(1j * turn[::-1])])
                 axes.fill(edge.real, edge.imag, color=GRID)
-        away = np.degrees(one.angle)
-        axes.plot(away * np.cos(one.azimuth), away * np.sin(one.azimuth), ".", color=SERIES[lens], markersize=3)
-        axes.set_xlabel(f"lens {lens}: {100 * one.filled.mean():.0f} % of the sectors filled")
+        away = np.degrees(cover.angle)
+        axes.plot(away * np.cos(cover.azimuth), away * np.sin(cover.azimuth), ".", color=SERIES[lens], markersize=3)
+        axes.set_xlabel(f"lens {lens}: {100 * cover.filled.mean():.0f} % of the sectors filled")
     return figure
 
 
@@ -63,7 +62,7 @@ def uncertainty_figure(checked: Checked) -> Figure:
 
 def residual_figure(fit: LensFit) -> Figure:
     """Draw all residuals where they are in the image."""
-    pixels = np.concatenate([view.pixels for view in fit.bundle.views])
+    pixels = np.concatenate([view.pixels for view in fit.problem.views])
     residuals, used = np.concatenate(fit.residuals), np.concatenate(fit.used)
     extent = float(np.ptp(pixels, axis=0).max())
     factor = 0.04 * extent / max(float(np.linalg.norm(residuals[used], axis=-1).max(initial=0.0)), 1e-9)
@@ -88,7 +87,7 @@ def radial_figure(fit: LensFit, checked: Checked) -> Figure:
     figure = _titled(400, "Residuals by angle", line)
     axes = add_axes(figure, _LEFT, _HEAD, WIDTH_PX - _LEFT - _RIGHT, 250)
     for lens, cover in enumerate(checked.coverage):
-        mine = [i for i, view in enumerate(fit.bundle.views) if view.lens == lens]
+        mine = [i for i, view in enumerate(fit.problem.views) if view.lens == lens]
         residuals = np.concatenate([fit.residuals[i][fit.used[i]] for i in mine])
         away = residuals[:, 0] * np.cos(cover.azimuth) + residuals[:, 1] * np.sin(cover.azimuth)
         axes.plot(np.degrees(cover.angle), away, ".", color=SERIES[lens], markersize=3, label=f"lens {lens}")
@@ -104,7 +103,7 @@ def matrix_figure(fit: LensFit) -> Figure:
     line = "Near 1 or -1 two numbers cannot be told apart; bearings are not worse for it"
     figure = _titled(560, "Correlations", line)
     axes = add_axes(figure, _LEFT, _HEAD, WIDTH_PX - _LEFT - _RIGHT, 440)
-    names = fit.bundle.names()
+    names = fit.problem.names()
     axes.imshow(fit.correlation, cmap="RdBu_r", vmin=-1, vmax=1, aspect="auto")
     axes.set_xticks(range(len(names)), names, rotation=0 if len(names) < 13 else 90)
     axes.set_yticks(range(len(names)), names)

@@ -64,14 +64,14 @@ def report_data(report: LensReport) -> dict[str, Any]:
         return data
     data["rms_px"], data["plain_rms_px"], data["sigma_factor"] = fit.rms(), fit.plain_rms, fit.sigma_factor
     values = np.concatenate(fit.rig.values)
-    names = fit.bundle.names()
+    names = fit.problem.names()
     data["parameters"] = [
         {"name": name, "value": float(value), "sigma": float(sigma)}
         for name, value, sigma in zip(names, values, fit.sigma, strict=False)
     ]
     data["parameters_alone"] = parameters_stand_alone(fit)
     data["covariance_order"], data["covariance"] = list(names), fit.covariance.tolist()
-    data["views"] = [_view_data(fit, i) for i in range(len(fit.bundle.views))]
+    data["views"] = [_view_data(fit, i) for i in range(len(fit.problem.views))]
     if report.camera is not None:
         data["camera"] = spec_from_camera(report.camera.camera).model_dump(mode="json")
     if checked is not None:
@@ -95,7 +95,7 @@ def _number(value: float) -> float | None:
 
 
 def _view_data(fit: LensFit, i: int) -> dict[str, Any]:
-    view, used, residual = fit.bundle.views[i], fit.used[i], fit.residuals[i]
+    view, used, residual = fit.problem.views[i], fit.used[i], fit.residuals[i]
     return {
         "name": view.name,
         "lens": view.lens,
@@ -108,7 +108,7 @@ def _view_data(fit: LensFit, i: int) -> dict[str, Any]:
 
 def parameters_stand_alone(fit: LensFit) -> bool:
     """Tell whether the parameters mean something one by one: not where xi and the focal length replace each other."""
-    return all(model.name != "mei" for model in fit.bundle.models)
+    return all(model.name != "mei" for model in fit.problem.models)
 
 
 def report_page(report: LensReport) -> str:
@@ -136,7 +136,7 @@ def _result(fit: LensFit, checked: Checked | None) -> Iterator[str]:
     figures = [
         (f"{fit.rms():.3f} px", "rms of the corners used"),
         (f"{fit.plain_rms:.3f} px", "rms of a plain fit to every corner"),
-        (str(len(fit.bundle.views)), "views"),
+        (str(len(fit.problem.views)), "views"),
         (str(corners), "corners used"),
     ]
     if checked is not None:
@@ -165,7 +165,7 @@ def _parameters(fit: LensFit, camera: FittedCamera | None) -> Iterator[str]:
     values = np.concatenate(fit.rig.values)
     rows = [
         [name, f"{value:.7g}", f"{sigma:.2g}"]
-        for name, value, sigma in zip(fit.bundle.names(), values, fit.sigma, strict=False)
+        for name, value, sigma in zip(fit.problem.names(), values, fit.sigma, strict=False)
     ]
     yield table((Column("", is_text=True), Column("value"), Column("sigma")), rows)
     if not parameters_stand_alone(fit):
@@ -182,7 +182,7 @@ def _parameters(fit: LensFit, camera: FittedCamera | None) -> Iterator[str]:
                 f"Lens {lens} in the camera frame: {1000 * x:.2f}, {1000 * y:.2f}, {1000 * z:.2f} mm;"
                 f" roll, pitch, yaw {turn} degrees."
             )
-        _, poses, _ = fit.bundle.columns()
+        _, poses, _ = fit.problem.columns()
         sigma = fit.sigma[poses[1]]
         yield paragraph(
             f"Between the lenses: {_PM} {1000 * float(sigma[3:].max()):.2f} mm and"
@@ -207,7 +207,7 @@ def _quality(fit: LensFit, checked: Checked) -> Iterator[str]:
 def _views(fit: LensFit) -> Iterator[str]:
     yield heading("Views")
     rows = []
-    for i, view in enumerate(fit.bundle.views):
+    for i, view in enumerate(fit.problem.views):
         size = np.linalg.norm(fit.residuals[i], axis=-1)
         rms = np.sqrt((size**2).mean())
         counts = [str(len(view.points)), str(int((~fit.used[i]).sum()))]

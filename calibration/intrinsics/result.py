@@ -9,9 +9,8 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from calibration.findings import Finding, Severity
-from calibration.formats.own import camera_text
+from calibration.formats.camera_file import camera_text
 from calibration.intrinsics.assessment import unseen_corners
-from calibration.intrinsics.coverage import corner_rays
 from calibration.lenses.fit import LensFit
 from calibration.lenses.models import LensCamera
 from palletloc.cameras import CameraModel, DualFisheye, FisheyeLens, KannalaBrandt
@@ -94,8 +93,8 @@ def measuring_lenses(fit: LensFit, size: tuple[int, int]) -> tuple[LensCamera, .
 def _lenses(fit: LensFit, size: tuple[int, int], margin: float, max_angle: float | None) -> tuple[LensCamera, ...]:
     """Return the lenses, seeing so far beyond their corners, or so far in all."""
     lenses = []
-    for lens, (model, values) in enumerate(zip(fit.bundle.models, fit.rig.values, strict=True)):
-        rays = corner_rays(fit, lens)
+    for lens, (model, values) in enumerate(zip(fit.problem.models, fit.rig.values, strict=True)):
+        rays = fit.corner_rays(lens)
         reach = float(np.arctan2(np.hypot(rays[:, 1], rays[:, 2]), rays[:, 0]).max())
         lenses.append(model.camera(values, size, max_angle or min(reach + margin, float(np.pi))))
     return tuple(lenses)

@@ -13,13 +13,12 @@ from rich.table import Table
 from scipy.spatial.transform import RigidTransform
 
 from calibration.findings import PASS, Finding, Severity, exit_code
-from calibration.intrinsics.assessment import check_fit
+from calibration.intrinsics.assessment import check_fit, view_findings
 from calibration.intrinsics.board_views import Collected, collect, measure_again
 from calibration.intrinsics.report import LensReport, report_data, report_page
 from calibration.intrinsics.result import fitted_camera, measuring_lenses
 from calibration.intrinsics.stitched_run import MODEL, calibrate_stitched
 from calibration.intrinsics.task import IntrinsicsTask, read_intrinsics
-from calibration.intrinsics.view_checks import view_findings
 from calibration.lenses.fit import LensFit, NoStartError, fit_lenses
 from calibration.lenses.linking import UnlinkedError
 from calibration.lenses.models import MODELS, LensModel, lens_model
@@ -96,12 +95,12 @@ def _calibrate(
     camera = fitted_camera(fit, task.size, task.max_angle)
     if isinstance(camera, Finding):
         return LensReport(lens.name, (*findings, camera), found, fit)
-    checked = check_fit(fit, camera.lenses, [one.width for one in task.apertures])
+    checked = check_fit(fit, camera.lenses, [aperture.width for aperture in task.apertures])
     return LensReport(lens.name, (*findings, *checked.findings), found, fit, camera, checked)
 
 
 def _poses(fit: LensFit) -> dict[str, RigidTransform]:
-    return {view.name: fit.rig.lens_from_board(view) for view in fit.bundle.views}
+    return {view.name: fit.rig.lens_from_board(view) for view in fit.problem.views}
 
 
 def _fitted(task: IntrinsicsTask, lens: LensModel, found: Collected) -> LensFit | Finding:
@@ -138,11 +137,11 @@ def _summary(report: LensReport) -> list[RenderableType]:
     for name in ("", "value", "sigma"):
         table.add_column(name, justify="right")
     values = np.concatenate(fit.rig.values)
-    for name, value, sigma in zip(fit.bundle.names(), values, fit.sigma, strict=False):
+    for name, value, sigma in zip(fit.problem.names(), values, fit.sigma, strict=False):
         table.add_row(name, f"{value:.6g}", f"{sigma:.2g}")
     corners = sum(int(used.sum()) for used in fit.used)
     line = (
-        f"{len(fit.bundle.views)} views, {corners} corners: {fit.rms():.3f} px rms;"
+        f"{len(fit.problem.views)} views, {corners} corners: {fit.rms():.3f} px rms;"
         f" with every corner {fit.plain_rms:.3f} px"
     )
     return [table, line]

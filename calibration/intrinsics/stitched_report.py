@@ -52,7 +52,7 @@ def stitched_data(report: StitchedReport) -> dict[str, Any]:
         "plain_rms_px": {"before": fit.before.plain_rms, "after": fit.after.plain_rms},
         "back_lens_off": {"order": list(_BETWEEN), "value": values.tolist(), "sigma": sigma.tolist()},
         "bends": {"value": bends.tolist(), "sigma": bend_sigma.tolist()},
-        "covariance_order": list(fit.after.bundle.names()),
+        "covariance_order": list(fit.after.problem.names()),
         "covariance": fit.after.covariance.tolist(),
         "camera": spec_from_camera(fit.camera).model_dump(mode="json"),
         "views": [
@@ -62,7 +62,7 @@ def stitched_data(report: StitchedReport) -> dict[str, Any]:
                 "used": used.tolist(),
             }
             for view, before, after, used in zip(
-                fit.after.bundle.views, fit.before.residuals, fit.after.residuals, fit.after.used, strict=True
+                fit.after.problem.views, fit.before.residuals, fit.after.residuals, fit.after.used, strict=True
             )
         ],
     }
@@ -114,8 +114,8 @@ def _result(fit: StitchedFit) -> Iterator[str]:
     yield heading("The correction")
     yield paragraph("Back lens against its nominal place in the front lens's frame, and how each lens bends.")
     yield table((Column("", is_text=True), Column("value"), Column("sigma")), rows)
-    for one, name in ((fit.before, "before"), (fit.after, "after")):
-        yield picture(embedded(small_png(_halves_figure(one, name))), f"Residuals {name} the correction.")
+    for lens_fit, name in ((fit.before, "before"), (fit.after, "after")):
+        yield picture(embedded(small_png(_halves_figure(lens_fit, name))), f"Residuals {name} the correction.")
 
 
 def _halves_figure(fit: LensFit, name: str) -> Figure:
@@ -134,7 +134,7 @@ def _halves_figure(fit: LensFit, name: str) -> Figure:
         axes = add_axes(figure, 84 + lens * (WIDTH_PX - 110) / 2, _TOP, _SIDE, _SIDE)
         axes.set(xlim=(-limit, limit), ylim=(limit, -limit), xlabel=f"{title} lens (px)")
         axes.grid(color=GRID, linewidth=0.6)
-        for view, keep, part in zip(fit.bundle.views, fit.used, fit.residuals, strict=True):
+        for view, keep, part in zip(fit.problem.views, fit.used, fit.residuals, strict=True):
             if view.lens == lens:
                 axes.quiver(
                     *view.pixels[keep].T, *(factor * part[keep].T), color=SERIES[lens], angles="xy",

@@ -11,12 +11,12 @@ import numpy as np
 from rich.console import RenderableType
 
 from calibration.findings import PASS, Finding, Severity, exit_code
-from calibration.formats.own import camera_text
+from calibration.formats.camera_file import camera_text
+from calibration.intrinsics.assessment import view_findings
 from calibration.intrinsics.board_views import Collected, collect, measure_again
 from calibration.intrinsics.stitched import StitchedFit, fit_stitched, whole_pose
 from calibration.intrinsics.stitched_report import StitchedReport, stitched_data, stitched_page
 from calibration.intrinsics.task import INTRINSICS, Chessboard, IntrinsicsTask, read_intrinsics
-from calibration.intrinsics.view_checks import view_findings
 from calibration.lenses.fit import NoStartError
 from calibration.lenses.linking import UnlinkedError
 from calibration.outcome import Outcome, free_stem

@@ -56,8 +56,8 @@ def assess_shelf(survey: ShelfSurvey) -> ShelfAssessment:
 
 
 def _nothing(survey: ShelfSurvey) -> Finding:
-    reasons = "; ".join(f"{one.method}: {one.what}" for one in survey.skipped)
-    codes = {one.code for one in survey.skipped}
+    reasons = "; ".join(f"{skipped.method}: {skipped.what}" for skipped in survey.skipped)
+    codes = {skipped.code for skipped in survey.skipped}
     code = next((code for code in ("few_shots", "along_the_ray", "short_baseline") if code in codes), "nothing_seen")
     how = (
         "drive along the shelf past two of its uprights or past pallets of a model that recording.yaml names;"
@@ -76,7 +76,7 @@ def _contradictions(survey: ShelfSurvey, fused: FusedPlane) -> Iterator[Finding]
         )
     turn, distance = survey.foot.described(survey.prior)
     off, turned = fused.distance - distance, float(np.degrees(fused.turn - turn))
-    local = survey.foot.local(survey.bundle.poses[:, :2])[:, 0]
+    local = survey.foot.local(survey.solution.poses[:, :2])[:, 0]
     reach = _PRIOR_M + float(np.ptp(local)) / 2 * np.tan(np.radians(10.0))
     if abs(off) > reach or abs(turned) > _PRIOR_DEG:
         yield Finding(
@@ -113,10 +113,16 @@ def _uncertainty(fused: FusedPlane) -> Iterator[Finding]:
 
 
 def _restrictions(survey: ShelfSurvey) -> Iterator[Finding]:
-    names = {one.method for one in survey.estimates}
-    for one in survey.skipped:
-        how = "drive along the shelf past two uprights" if one.method == UPRIGHTS else "expected where there are none"
-        yield Finding(Severity.WARNING if one.method == UPRIGHTS else Severity.NOTE, one.code, one.what, how)
+    names = {estimate.method for estimate in survey.estimates}
+    for skipped in survey.skipped:
+        how = (
+            "drive along the shelf past two uprights"
+            if skipped.method == UPRIGHTS
+            else "expected where there are none"
+        )
+        yield Finding(
+            Severity.WARNING if skipped.method == UPRIGHTS else Severity.NOTE, skipped.code, skipped.what, how
+        )
     if survey.front is Front.UPRIGHTS and UPRIGHTS not in names:
         yield Finding(
             Severity.WARNING,
@@ -127,14 +133,14 @@ def _restrictions(survey: ShelfSurvey) -> Iterator[Finding]:
     if survey.sweep is not None and survey.sweep.refusal is not None:
         what = _SWEEP[survey.sweep.refusal]
         yield Finding(Severity.NOTE, survey.sweep.refusal, what, "nothing: the sweep is left out of the result")
-    if abs(survey.bundle.scale - 1) > _SCALE:
+    if abs(survey.solution.scale - 1) > _SCALE:
         yield Finding(
             Severity.WARNING,
             "odometry_scale",
-            f"the odometry's distances are off by {100 * (1 / survey.bundle.scale - 1):+.1f} %",
+            f"the odometry's distances are off by {100 * (1 / survey.solution.scale - 1):+.1f} %",
             "calibrate the wheel's circumference",
         )
-    bias = float(np.degrees(survey.bundle.bias))
+    bias = float(np.degrees(survey.solution.bias))
     if abs(bias) > _BIAS_DEG_S:
         yield Finding(
             Severity.WARNING,

@@ -48,11 +48,11 @@ def _turned(survey: ShelfSurvey, points: FloatArray) -> FloatArray:
 
 
 def _draw_plan(axes: Axes, survey: ShelfSurvey) -> None:
-    bundle = survey.bundle
+    solution = survey.solution
     camera = np.array([*survey.recording.mounting.center[:2], 0.0])
-    way = _turned(survey, compose(bundle.poses, np.tile(camera, (len(bundle.poses), 1)))[:, :2])
+    way = _turned(survey, compose(solution.poses, np.tile(camera, (len(solution.poses), 1)))[:, :2])
     axes.plot(*way.T, "-o", color=SERIES[0], markersize=3, linewidth=1, label="camera")
-    for i, (pallet, model) in enumerate(zip(bundle.pallets, survey.models, strict=True)):
+    for i, (pallet, model) in enumerate(zip(solution.pallets, survey.models, strict=True)):
         corners = np.array([[0, -0.5], [0, 0.5], [1, 0.5], [1, -0.5], [0, -0.5]]) * (model.depth, model.width)
         placed = compose(np.tile(pallet, (5, 1)), np.concatenate([corners, np.zeros((5, 1))], axis=1))[:, :2]
         axes.plot(*_turned(survey, placed).T, color=SERIES[4], linewidth=1, label="pallet" if i == 0 else None)
@@ -76,7 +76,7 @@ def _draw_depths(axes: Axes, survey: ShelfSurvey) -> None:
     seen = _turned(survey, survey.edges.places)
     axes.plot(seen[~chosen, 0], 1000 * seen[~chosen, 1], "x", color=FAINT, markersize=5)
     axes.plot(seen[chosen, 0], 1000 * seen[chosen, 1], "o", color=SERIES[1], markersize=5)
-    fronts = _turned(survey, survey.bundle.pallets[:, :2])
+    fronts = _turned(survey, survey.solution.pallets[:, :2])
     axes.plot(fronts[:, 0], 1000 * fronts[:, 1], "s", color=SERIES[4], markersize=6, label="pallet's front")
     if survey.fused is not None:
         turn, distance = np.sqrt(np.diag(survey.fused.covariance))

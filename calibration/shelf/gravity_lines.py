@@ -73,10 +73,10 @@ def upright_edges(shots: Sequence[Segments]) -> tuple[FloatArray, FloatArray, Fl
     shots : sequence of Segments
         One for each shot.
     """
-    normals = np.concatenate([one.normals for one in shots])
-    middles = np.concatenate([one.middles for one in shots])
-    sigma = np.concatenate([one.sigma for one in shots])
-    shot = np.repeat(np.arange(len(shots), dtype=np.float64), [len(one.sigma) for one in shots])
+    normals = np.concatenate([segments.normals for segments in shots])
+    middles = np.concatenate([segments.middles for segments in shots])
+    sigma = np.concatenate([segments.sigma for segments in shots])
+    shot = np.repeat(np.arange(len(shots), dtype=np.float64), [len(segments.sigma) for segments in shots])
     near = np.abs(normals[:, 2]) < _NEAR
     azimuth = np.arctan2(middles[near, 1], middles[near, 0])
     across = np.stack([-np.sin(azimuth), np.cos(azimuth)], axis=1)
@@ -101,8 +101,8 @@ def _local_scatter(azimuth: FloatArray, errors: FloatArray) -> FloatArray:
     """Return the scatter of errors around each azimuth, against zero, not below a half."""
     sector = np.floor(azimuth / _SECTOR).astype(np.intp)
     scatter = np.ones(len(azimuth))
-    for one in np.unique(sector):
-        mine = sector == one
+    for number in np.unique(sector):
+        mine = sector == number
         scatter[mine] = 1.4826 * np.median(np.abs(errors[mine])) if mine.sum() >= _LEAST else 2.0
     return np.maximum(scatter, 0.5)
 
@@ -110,8 +110,8 @@ def _local_scatter(azimuth: FloatArray, errors: FloatArray) -> FloatArray:
 def _distinct(design: FloatArray, azimuth: FloatArray, shot: FloatArray) -> FloatArray:
     """Return the normal matrix of edges that are not the same, for the shot that shows most of them."""
     best = np.zeros((2, 2))
-    for one in np.unique(shot):
-        mine = shot == one
+    for number in np.unique(shot):
+        mine = shot == number
         bins = np.rint(azimuth[mine] / _BIN)
         first = np.unique(bins, return_index=True)[1]
         normal = design[mine][first].T @ design[mine][first]
@@ -204,7 +204,10 @@ def level_heading(found: Sequence[tuple[LevelDirection, float]]) -> tuple[float,
     """
     if not found:
         return None
-    given = [(wrap_angle(one.heading_if_level()[0] + yaw), one.heading_if_level()[1]) for one, yaw in found]
+    given = [
+        (wrap_angle(direction.heading_if_level()[0] + yaw), direction.heading_if_level()[1])
+        for direction, yaw in found
+    ]
     first = given[0][0]
     headings = np.array([wrap_angle(heading - first) for heading, _ in given])
     middle = float(np.median(headings))
@@ -228,7 +231,7 @@ def level_tilt(found: Sequence[tuple[LevelDirection, float]]) -> Tilt | None:
     """
     if not found:
         return None
-    given = [one.rise_along(heading) for one, heading in found]
+    given = [edges.rise_along(heading) for edges, heading in found]
     rise, sigma = (float(np.median(values)) for values in zip(*given, strict=True))
     spread = 1.4826 * float(np.median(np.abs([value - rise for value, _ in given])))
     # The edge rises by the turn about x times its y component minus that about y times its x component.
@@ -236,4 +239,4 @@ def level_tilt(found: Sequence[tuple[LevelDirection, float]]) -> Tilt | None:
     direction = np.array([np.sin(heading), -np.cos(heading)])
     total = float(np.hypot(np.hypot(spread, sigma), _LEVEL))
     information = np.outer(direction, direction) / total**2
-    return Tilt(direction * rise, information, sum(one.segments for one, _ in found))
+    return Tilt(direction * rise, information, sum(edges.segments for edges, _ in found))

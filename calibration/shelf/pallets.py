@@ -87,7 +87,7 @@ def see_pallets(
     on_progress("looking for pallets widely")
     few = [(int(i), shots[i]) for i in spread]
     tried = (_moved(recording, prior, depth, yaw) for depth, yaw in _TRIED)
-    first = [one for plane in tried for one in _look(recording, few, plane, _FIRST)]
+    first = [sight for plane in tried for sight in _look(recording, few, plane, _FIRST)]
     plane = rough_plane(recording, shots, first, prior)
     if plane is None:
         return [], prior
@@ -156,9 +156,9 @@ def _localized(
         except PalletLocError:  # a shot that cannot be used: too near, or damaged; others may do
             continue
         seen += [
-            PalletSight(number, one.model, one.forklift_from_pallet, one.covariance[keep])
-            for one in found
-            if one.score >= _MIN_SCORE
+            PalletSight(number, measurement.model, measurement.forklift_from_pallet, measurement.covariance[keep])
+            for measurement in found
+            if measurement.score >= _MIN_SCORE
         ]
     return seen
 
@@ -181,8 +181,8 @@ def rough_plane(
     """
     if not seen:
         return None
-    at = [recording.odometry.pose_at(recording.shots[shots[one.shot]].time) for one in seen]
-    poses = np.array([compose(np.array([p.x, p.y, p.yaw]), one.planar) for p, one in zip(at, seen, strict=True)])
+    at = [recording.odometry.pose_at(recording.shots[shots[sight.shot]].time) for sight in seen]
+    poses = np.array([compose(np.array([p.x, p.y, p.yaw]), sight.planar) for p, sight in zip(at, seen, strict=True)])
     turned = wrap_angle(poses[:, 2] - prior.yaw)
     near = np.abs(turned[:, None] - turned) < np.radians(4.0)
     yaw = prior.yaw + float(np.median(turned[near[near.sum(1).argmax()]]))

@@ -127,7 +127,7 @@ def judged(distances: FloatArray, scores: FloatArray, windows: int) -> PlaneSwee
     padded = np.pad(scores, 1, mode="edge")
     smooth = (padded[:-2] + 2 * padded[1:-1] + padded[2:]) / 4
     inner = np.flatnonzero((smooth[1:-1] > smooth[:-2]) & (smooth[1:-1] >= smooth[2:])) + 1
-    peaks = sorted((_peak(distances, smooth, int(i)) for i in inner), key=lambda one: -one.score)
+    peaks = sorted((_peak(distances, smooth, int(i)) for i in inner), key=lambda peak: -peak.score)
     return PlaneSweep(distances, smooth, windows, tuple(peaks), _refusal(smooth, windows, peaks))
 
 
@@ -153,7 +153,11 @@ def sweep_estimate(sweep: PlaneSweep, turn: float, estimates: Sequence[PlaneEsti
     """
     if sweep.distance is None:
         return None
-    planes = [one.distance for one in estimates if np.isfinite(one.distance) and one.information[1, 1] > 0]
+    planes = [
+        estimate.distance
+        for estimate in estimates
+        if np.isfinite(estimate.distance) and estimate.information[1, 1] > 0
+    ]
     apart = max(float(np.ptp(planes)), _LEAST_APART) if len(planes) > 1 else SIGMA
     sigma = float(np.hypot(apart, _width(sweep)))
     evidence = f"{100 * sweep.peaks[0].score:.0f} % of {sweep.windows} windows alike"
@@ -180,7 +184,7 @@ def _refusal(scores: FloatArray, windows: int, peaks: Sequence[Peak]) -> str | N
         return "sweep_flat"
     if not 2 <= top < len(scores) - 2:
         return "sweep_at_edge"
-    second = max([one.score for one in peaks[1:]] + [float(scores[0]), float(scores[-1])])
+    second = max([peak.score for peak in peaks[1:]] + [float(scores[0]), float(scores[-1])])
     return "sweep_ambiguous" if second >= _SECOND * peaks[0].score else None
 
 
@@ -213,7 +217,7 @@ def _groups(
                 group.append(best)
         if len(group) > 1:
             groups.append(tuple(group))
-    whole = [one for one in groups if len(one) == 3] or groups
+    whole = [group for group in groups if len(group) == 3] or groups
     spread = np.linspace(0, len(whole) - 1, min(len(whole), _MOST_GROUPS)).round().astype(int)
     return [whole[i] for i in np.unique(spread)]
 

@@ -31,13 +31,15 @@ def shelf_data(assessment: ShelfAssessment) -> dict[str, Any]:
     data: dict[str, Any] = {
         "format": 1,
         "exit_code": assessment.exit_code,
-        "reasons": [finding_data(one) for one in assessment.findings],
+        "reasons": [finding_data(finding) for finding in assessment.findings],
         "front": str(survey.front),
         "shots": len(survey.shots),
         "foot_m": survey.foot.point.tolist(),
-        "methods": [_method_data(survey.foot, one) for one in survey.estimates],
-        "skipped": [{"method": one.method, "code": one.code, "what": one.what} for one in survey.skipped],
-        "odometry": {"scale": survey.bundle.scale, "yaw_rate_bias_radps": survey.bundle.bias},
+        "methods": [_method_data(survey.foot, estimate) for estimate in survey.estimates],
+        "skipped": [
+            {"method": skipped.method, "code": skipped.code, "what": skipped.what} for skipped in survey.skipped
+        ],
+        "odometry": {"scale": survey.solution.scale, "yaw_rate_bias_radps": survey.solution.bias},
     }
     if survey.fused is not None and survey.plane is not None:
         fused = survey.fused
@@ -59,7 +61,7 @@ def _sweep_data(sweep: PlaneSweep) -> dict[str, Any]:
         "distance_m": sweep.distance,
         "code": sweep.refusal,
         "windows": sweep.windows,
-        "peaks": [{"distance_m": one.distance, "score": one.score} for one in sweep.peaks],
+        "peaks": [{"distance_m": peak.distance, "score": peak.score} for peak in sweep.peaks],
         "distances_m": sweep.distances.tolist(),
         "scores": sweep.scores.tolist(),
     }
@@ -69,16 +71,16 @@ def _plane_data(plane: ShelfPlane) -> dict[str, Any]:
     return {"point_m": [plane.x, plane.y], "facing_deg": float(np.degrees(plane.facing))}
 
 
-def _method_data(foot: Foot, one: PlaneEstimate) -> dict[str, Any]:
-    turn, distance = one.sigma
+def _method_data(foot: Foot, estimate: PlaneEstimate) -> dict[str, Any]:
+    turn, distance = estimate.sigma
     known = np.isfinite(distance)
     return {
-        "method": one.method,
-        "facing_deg": float(np.degrees(foot.plane(one.turn, 1.0).facing)),
+        "method": estimate.method,
+        "facing_deg": float(np.degrees(foot.plane(estimate.turn, 1.0).facing)),
         "facing_sigma_deg": float(np.degrees(turn)) if np.isfinite(turn) else None,
-        "distance_m": one.distance if known else None,
+        "distance_m": estimate.distance if known else None,
         "distance_sigma_m": distance if known else None,
-        "evidence": one.evidence,
+        "evidence": estimate.evidence,
     }
 
 
@@ -106,17 +108,17 @@ def _parts(assessment: ShelfAssessment) -> Iterator[str]:
         )
     yield from finding_parts(assessment.findings, "Nothing is left to do: use the recording.yaml that was written.")
     yield heading("Methods")
-    yield table(method_columns(), [method_row(survey.foot, one) for one in survey.estimates])
+    yield table(method_columns(), [method_row(survey.foot, estimate) for estimate in survey.estimates])
     yield picture(
         embedded(small_png(plan_figure(survey))), "From above: the way, the pallets, the edges and the plane.",
         keep_wide=True,
     )  # fmt: skip
     if survey.sweep is not None and survey.fused is not None:
         yield from _sweep_parts(survey.sweep, survey.fused.distance)
-    bundle = survey.bundle
+    solution = survey.solution
     yield paragraph(
         f"{len(survey.shots)} shots were used. By them the odometry's distances are off by"
-        f" {100 * (1 / bundle.scale - 1):+.2f} % and its yaw rate by {np.degrees(bundle.bias):+.3f}{_DEGREE}/s."
+        f" {100 * (1 / solution.scale - 1):+.2f} % and its yaw rate by {np.degrees(solution.bias):+.3f}{_DEGREE}/s."
     )
 
 
@@ -128,7 +130,7 @@ def _sweep_parts(sweep: PlaneSweep, distance: float) -> Iterator[str]:
         " Which of them it is cannot be told, so a clear peak counts with what they stand apart."
     )
     columns = (Column("distance m"), Column("behind the result, mm"), Column("windows alike, %"))
-    rows = [(one.distance, 1000 * (one.distance - distance), 100 * one.score) for one in sweep.peaks]
+    rows = [(peak.distance, 1000 * (peak.distance - distance), 100 * peak.score) for peak in sweep.peaks]
     yield table(columns, [[f"{at:.3f}", f"{off:+.0f}", f"{alike:.1f}"] for at, off, alike in rows])
 
 
@@ -141,15 +143,15 @@ def method_columns() -> tuple[Column, ...]:
     )
 
 
-def method_row(foot: Foot, one: PlaneEstimate) -> list[str]:
+def method_row(foot: Foot, estimate: PlaneEstimate) -> list[str]:
     """Return the cells of one method."""
-    turn, distance = one.sigma
+    turn, distance = estimate.sigma
     known = np.isfinite(distance)
     return [
-        one.method,
-        f"{np.degrees(foot.plane(one.turn, 1.0).facing):.2f}",
+        estimate.method,
+        f"{np.degrees(foot.plane(estimate.turn, 1.0).facing):.2f}",
         f"{np.degrees(turn):.2f}" if np.isfinite(turn) else "",
-        f"{one.distance:.4f}" if known else "",
+        f"{estimate.distance:.4f}" if known else "",
         f"{1000 * distance:.1f}" if known else "",
-        one.evidence,
+        estimate.evidence,
     ]

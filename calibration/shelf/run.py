@@ -73,7 +73,7 @@ def calibrate_shelf(
     assessment = assess_shelf(survey_shelf(recording, prior, front, tags, on_progress))
     on_progress("writing the report")
     files = _write(folder, out, assessment)
-    reasons = tuple(finding_line(one) for one in assessment.findings)
+    reasons = tuple(finding_line(finding) for finding in assessment.findings)
     return Outcome(assessment.exit_code, tuple(_summary(assessment)), files, reasons)
 
 
@@ -149,8 +149,8 @@ def _summary(assessment: ShelfAssessment) -> list[RenderableType]:
     table = Table(box=box.SIMPLE_HEAD)
     for column in method_columns():
         table.add_column(column.heading, justify="left" if column.is_text else "right")
-    for one in survey.estimates:
-        table.add_row(*(Text(cell) for cell in method_row(survey.foot, one)))
+    for estimate in survey.estimates:
+        table.add_row(*(Text(cell) for cell in method_row(survey.foot, estimate)))
     fused, plane = survey.fused, survey.plane
     if fused is not None and plane is not None:
         turn, distance = np.sqrt(np.diag(fused.covariance))

@@ -74,12 +74,12 @@ def tag_places(
         image = recording.image(shot, gray=True)
         seen = {marker.id for marker in detect_markers(recording.camera, image, tags.dictionary, SCALES[0])}
         targets = {str(number): SingleTag(tags.size, tags.dictionary, number) for number in sorted(seen)}
-        for one in observe(recording.camera, image, shot.file, targets, on_progress) if targets else ():
-            camera_from_tag = pose_from_bearings(on_board(one.corners.points), one.corners.bearings)
+        for target in observe(recording.camera, image, shot.file, targets, on_progress) if targets else ():
+            camera_from_tag = pose_from_bearings(on_board(target.corners.points), target.corners.bearings)
             if camera_from_tag is not None:
-                middle = on_board(one.corners.points).mean(axis=0)
+                middle = on_board(target.corners.points).mean(axis=0)
                 x, y, _ = recording.forklift_from_camera.apply(camera_from_tag.apply(middle))
-                places.setdefault(int(one.target), []).append(compose(pose, np.array([x, y, 0.0]))[:2])
+                places.setdefault(int(target.target), []).append(compose(pose, np.array([x, y, 0.0]))[:2])
     return {number: np.array(found) for number, found in places.items()}
 
 

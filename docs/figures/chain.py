@@ -7,7 +7,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
-from palletloc.config import Method
+from palletloc.choices import Method
 from palletloc.drawing.canvas import show_view
 from palletloc.drawing.face_figure import edge_stretches
 from palletloc.drawing.outline import place_outline, seen_on_plane

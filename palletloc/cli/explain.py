@@ -14,9 +14,10 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from palletloc.config import LocalizerConfig, Method
-from palletloc.drawing.naming import name_candidates
+from palletloc.choices import Method
+from palletloc.config import LocalizerConfig
 from palletloc.errors import PalletLocError
+from palletloc.explained import name_candidates
 from palletloc.io.config_file import read_config
 from palletloc.io.starts import ShotStarts
 from palletloc.localizer import Explanation

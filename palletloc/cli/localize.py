@@ -15,7 +15,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 from rich.text import Text
 
-from palletloc.config import LocalizerConfig, Method
+from palletloc.choices import Method
+from palletloc.config import LocalizerConfig
 from palletloc.io.config_file import read_config
 from palletloc.io.measurements import NoPose
 from palletloc.io.run_folder import Run, RunFolder

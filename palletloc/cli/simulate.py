@@ -13,14 +13,12 @@ from rich.progress import track
 from rich.table import Table
 from rich.text import Text
 
+from palletloc.choices import CameraKind, Illumination, Side
 from palletloc.geometry import Image
 from palletloc.io.recording import Recording, Shot, write_recording
 from palletloc.io.truth import TruePallet, Truth
 from palletloc.pallet_library import find_models
 from palletloc.synthetic.aisle import AisleSpec
-from palletloc.synthetic.illumination import Illumination
-from palletloc.synthetic.placing import Side
-from palletloc.synthetic.rig import CameraKind
 from palletloc.synthetic.sensor import Sensor
 from palletloc.synthetic.simulation import Simulation, SimulationSpec
 from palletloc.synthetic.simulation import simulate as draw_simulation

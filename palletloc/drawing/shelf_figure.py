@@ -8,11 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patheffects import withStroke
 
 from palletloc.candidate import Candidate
 from palletloc.drawing.canvas import (
+    DPI,
+    FAINT,
     GRID,
+    INK,
     MEASURED,
     REFUSED,
     SERIES,
@@ -20,12 +22,12 @@ from palletloc.drawing.canvas import (
     add_axes,
     add_legend,
     add_text,
+    halo,
     new_figure,
     show_view,
 )
-from palletloc.drawing.labels import Label, write_labels
-from palletloc.drawing.naming import Named
 from palletloc.drawing.outline import place_outline, seen_on_plane
+from palletloc.explained import Named
 from palletloc.geometry import FloatArray
 from palletloc.plane import PlaneView
 from palletloc.shelf_view import ShelfView
@@ -33,10 +35,18 @@ from palletloc.shelf_view import ShelfView
 Outlined = tuple[str, Candidate, list[FloatArray]]
 """A candidate's name, the candidate, and the lines of its face as a view shows them."""
 
-_HALO = withStroke(linewidth=2.5, foreground="#101214")
-_ABOVE, _BELOW, _BESIDE = 0.40, 0.30, 0.5  # space around the outlines, in metres
+_HALO = halo(2.5)
+"""Around names on the views."""
+_ABOVE, _BELOW, _BESIDE = 0.40, 0.30, 0.5
+"""Space around the outlines, in metres."""
 _LEAST_WIDTH = 4.0
-_LEFT, _RIGHT, _HEAD, _CHART, _GAP, _FOOT = 62, 20, 50, 150, 34, 44  # in pixels
+"""Least width of what is drawn of the shelf, in metres: a lone pallet keeps its surroundings."""
+_LEFT, _RIGHT, _HEAD, _CHART, _GAP, _FOOT = 62, 20, 50, 150, 34, 44
+"""Borders of the page, height of a chart of scores, gap between axes, in pixels."""
+_POINT_PX, _GAP_PX = 10.0, 3.0
+"""Side of the square that a point takes, and its distance from a name."""
+_SIDES = ((1, 1), (-1, 1), (1, -1), (-1, -1), (1, 0), (-1, 0), (0, 1), (0, -1))
+"""Directions in which a name is tried, the best first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,7 +173,7 @@ def _draw_view(axes: Axes, band: _Band) -> None:
     axes.set(xlim=(left, right), ylim=(bottom, top), ylabel="height (m)")
     axes.plot([], [], color=MEASURED, linewidth=2.5, label="pallet, as measured")
     axes.plot([], [], color=REFUSED, linewidth=1.3, linestyle="--", label="given up, as detected")
-    for name, candidate, lines in sorted(band.outlines, key=lambda one: one[1].refusal is None):
+    for name, candidate, lines in sorted(band.outlines, key=lambda outlined: outlined[1].refusal is None):
         found = candidate.refusal is None
         color, width, style = (MEASURED, 2.0, "-") if found else (REFUSED, 0.9, "--")
         for line in lines:
@@ -189,3 +199,65 @@ def _draw_scores(axes: Axes, band: _Band) -> None:
         axes.plot(place, candidate.score, mark, color=color, markersize=6)
         labels.append(Label(place, candidate.score, name, found))
     write_labels(axes, labels)
+
+
+@dataclass(frozen=True, slots=True)
+class Label:
+    """A point and its name."""
+
+    x: float
+    """In the chart's unit."""
+    y: float
+    """In the chart's unit."""
+    text: str
+    """The name."""
+    important: bool = False
+    """Whether it is placed first and written large, and stays even where there is no room."""
+
+
+def write_labels(axes: Axes, labels: Sequence[Label]) -> None:
+    """Write names beside their points; one that finds no room is left out.
+
+    Parameters
+    ----------
+    axes : Axes
+        With its final limits and place.
+    labels : sequence of Label
+        All points of the chart.
+    """
+    places = axes.transData.transform([(label.x, label.y) for label in labels] or np.zeros((0, 2)))
+    taken = [_box(place, (_POINT_PX, _POINT_PX)) for place in places]
+    for label, place in sorted(zip(labels, places, strict=True), key=lambda pair: not pair[0].important):
+        size, weight, color = (10, "bold", INK) if label.important else (8, "normal", FAINT)
+        extent = (0.72 * len(label.text) * size * DPI / 72, 1.15 * size * DPI / 72)
+        center = _free_place(axes, place, extent, taken)
+        if center is None and not label.important:
+            continue
+        middle = place + np.array([0.0, 14.0]) if center is None else center
+        taken.append(_box(middle, extent))
+        x, y = axes.transData.inverted().transform(middle)
+        axes.text(x, y, label.text, ha="center", va="center", size=size, weight=weight, color=color)
+
+
+def _free_place(
+    axes: Axes, point: FloatArray, extent: tuple[float, float], taken: Sequence[FloatArray]
+) -> FloatArray | None:
+    """Return the middle of a name beside a point that covers nothing, None where there is none."""
+    reach = np.array(extent) / 2 + _POINT_PX / 2 + _GAP_PX
+    window = np.array(axes.bbox.extents)
+    for side in _SIDES:
+        center = point + np.array(side) * reach
+        box = _box(center, extent)
+        inside = (box[:2] >= window[:2]).all() and (box[2:] <= window[2:]).all()
+        if inside and not any(_overlap(box, other) for other in taken):
+            return np.asarray(center)
+    return None
+
+
+def _box(center: FloatArray, extent: tuple[float, float]) -> FloatArray:
+    half = np.array(extent) / 2
+    return np.concatenate([center - half, center + half])
+
+
+def _overlap(first: FloatArray, other: FloatArray) -> bool:
+    return bool((first[:2] < other[2:]).all() and (other[:2] < first[2:]).all())

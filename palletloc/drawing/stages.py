@@ -11,20 +11,20 @@ import numpy as np
 from palletloc.candidate import Candidate, ShotView
 from palletloc.drawing.canvas import MEASURED, REFUSED, png
 from palletloc.drawing.face_figure import face_figure
-from palletloc.drawing.horizontal_figure import horizontal_figure
-from palletloc.drawing.naming import Named, name_candidates
 from palletloc.drawing.overlay import Mark, cut_out, draw_overlay, region_of_interest
+from palletloc.drawing.paper_figures import horizontal_figure, sweep_figure
 from palletloc.drawing.plan_figure import plan_figure
 from palletloc.drawing.search_figure import search_figure
 from palletloc.drawing.shelf_figure import shelf_figure
-from palletloc.drawing.sweep_figure import sweep_figure
+from palletloc.explained import Named, name_candidates
 from palletloc.geometry import Image
 from palletloc.localizer import Explanation
 from palletloc.shelf import ShelfPlane
 
-_WHOLE_WIDTH = 1920
-_REGION_WIDTH = 1280
+_WHOLE_WIDTH, _REGION_WIDTH = 1920, 1280
+"""Most width of the whole shot and of its part with the pallets, in pixels."""
 _JPEG_QUALITY = 90
+"""Of the overlays, 0 to 100: outlines stay free of blocks."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,16 +69,18 @@ def stage_pictures(
     """
     named = name_candidates(explanation)
     yield from shelf_pictures(explanation, named)
-    drawable = [(name, one) for name, one in named if np.isfinite(one.start.as_array()).all()]
-    steps = [(name, one) for name, one in drawable if one.refusal is None or with_refused]
+    drawable = [(name, candidate) for name, candidate in named if np.isfinite(candidate.start.as_array()).all()]
+    steps = [(name, candidate) for name, candidate in drawable if candidate.refusal is None or with_refused]
     yield from step_pictures(steps, shot)
     # on the shelf, what was given up lies too densely to be told apart in the shot
-    seen = [(name, one) for name, one in steps if one.refusal is None or not explanation.shelf_views]
+    seen = [
+        (name, candidate) for name, candidate in steps if candidate.refusal is None or not explanation.shelf_views
+    ]
     yield from _overlay_pictures(seen, shot)
     placed = [
-        (name, one.model, one.pose, one.covariance)
-        for name, one in named
-        if one.refusal is None and one.pose is not None and one.covariance is not None
+        (name, candidate.model, candidate.pose, candidate.covariance)
+        for name, candidate in named
+        if candidate.refusal is None and candidate.pose is not None and candidate.covariance is not None
     ]
     figure = plan_figure(placed, shot.mounting, shelf)
     yield Picture("6-plan", "The pallets and the forklift from above", ".png", png(figure))
@@ -106,22 +108,22 @@ def step_pictures(named: Sequence[tuple[str, Candidate]], shot: ShotView) -> Ite
     Picture
         PNG files: step by step, and in each candidate by candidate.
     """
-    for name, one in named:
-        if one.horizontal:
-            content = png(horizontal_figure(name, one))
+    for name, candidate in named:
+        if candidate.horizontal:
+            content = png(horizontal_figure(name, candidate))
             yield Picture(f"2-yaw-{name}", f"{name}: yaw from the horizontal plane", ".png", content)
-    for name, one in named:
-        if one.search is not None:
-            content = png(search_figure(name, one))
+    for name, candidate in named:
+        if candidate.search is not None:
+            content = png(search_figure(name, candidate))
             caption = f"{name}: hypotheses of yaw and distance, scored in the image"
             yield Picture(f"3-search-{name}", caption, ".png", content)
-    for name, one in named:
-        if one.sweep is not None or one.joint is not None:
-            content = png(sweep_figure(name, one))
+    for name, candidate in named:
+        if candidate.sweep is not None or candidate.joint is not None:
+            content = png(sweep_figure(name, candidate))
             yield Picture(f"3-position-{name}", f"{name}: position by the plane sweep", ".png", content)
-    for name, one in named:
-        if one.sweep or one.joint or one.search:
-            content = png(face_figure(name, one, shot))
+    for name, candidate in named:
+        if candidate.sweep or candidate.joint or candidate.search:
+            content = png(face_figure(name, candidate, shot))
             caption = f"{name}: front face at the start and as measured, with its edges"
             yield Picture(f"4-face-{name}", caption, ".png", content)
 
@@ -139,11 +141,11 @@ def _overlay_pictures(named: Sequence[tuple[str, Candidate]], shot: ShotView) ->
 
 def _marks(named: Iterable[tuple[str, Candidate]]) -> Iterator[Mark]:
     """Yield what to draw: candidates that were given up first, below the pallets."""
-    for name, one in sorted(named, key=lambda pair: pair[1].refusal is None):
-        if one.refusal is not None or one.pose is None:
-            yield Mark(one.model, one.pose or one.start, REFUSED, name, heading=False)
+    for name, candidate in sorted(named, key=lambda pair: pair[1].refusal is None):
+        if candidate.refusal is not None or candidate.pose is None:
+            yield Mark(candidate.model, candidate.pose or candidate.start, REFUSED, name, heading=False)
         else:
-            yield Mark(one.model, one.pose, MEASURED, name)
+            yield Mark(candidate.model, candidate.pose, MEASURED, name)
 
 
 def _narrowed(image: Image, width: int) -> Image:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from palletloc.candidate import Candidate
-from palletloc.edge_account import EdgeAccount, account_edges
+from palletloc.explained import EdgeAccount, SearchAxes, account_edges
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.joint_search import JointSearch
 from palletloc.localizer import Explanation
@@ -16,10 +16,10 @@ from palletloc.pallet import PalletModel
 from palletloc.position import Sweep
 from palletloc.refinement.alignment import FaceEstimate
 from palletloc.refinement.search import Search
-from palletloc.search_axes import SearchAxes
 from palletloc.yaw import YawEstimate
 
 _AXES = ("x_m", "y_m", "z_m", "yaw_rad")
+"""Keys of a pose's numbers, in the order of its covariance."""
 
 
 def explanation_document(
@@ -47,45 +47,46 @@ def explanation_document(
         "time_s": explanation.time,
         "method": method,
         "pallets": len(explanation.measurements),
-        "candidates": [_candidate(name, one) for name, one in named],
+        "candidates": [_candidate(name, candidate) for name, candidate in named],
     }
 
 
-def _candidate(name: str, one: Candidate) -> dict[str, Any]:
+def _candidate(name: str, candidate: Candidate) -> dict[str, Any]:
     document: dict[str, Any] = {
         "name": name,
-        "model": one.model.name,
-        "detection_score": _rounded(one.score),
-        "start": _pose(one.start),
+        "model": candidate.model.name,
+        "detection_score": _rounded(candidate.score),
+        "start": _pose(candidate.start),
     }
-    if one.refusal is not None:
-        document["refused"] = {"stage": str(one.refusal[0]), "reason": str(one.refusal[1])}
-    if one.pose is not None and one.covariance is not None:
-        sigma = np.sqrt(np.diag(one.covariance))
-        document["pose"] = _pose(one.pose) | {"yaw_from": str(one.yaw_from)}
+    if candidate.refusal is not None:
+        document["refused"] = {"stage": str(candidate.refusal[0]), "reason": str(candidate.refusal[1])}
+    if candidate.pose is not None and candidate.covariance is not None:
+        sigma = np.sqrt(np.diag(candidate.covariance))
+        document["pose"] = _pose(candidate.pose) | {"yaw_from": str(candidate.yaw_from)}
         document["sigma"] = dict(zip(_AXES, _list(sigma), strict=True))
-        document["covariance"] = [_list(row) for row in one.covariance]
-        document["ellipse"] = _ellipse(one.covariance)
-    if one.lines:
+        document["covariance"] = [_list(row) for row in candidate.covariance]
+        document["ellipse"] = _ellipse(candidate.covariance)
+    if candidate.lines:
         document["hough_lines"] = [
-            {"turn_rad": _rounded(line.turn), "up_m": _rounded(line.up), "votes": line.votes} for line in one.lines
+            {"turn_rad": _rounded(line.turn), "up_m": _rounded(line.up), "votes": line.votes}
+            for line in candidate.lines
         ]
     parts = {
-        "yaw": one.yaw and _yaw(one.yaw),
-        "sweep": one.sweep and _sweep(one.sweep),
-        "joint_search": one.joint and _joint(one.joint),
-        "search": one.search and _search(one.search),
-        "face": one.face and _face(one.face, one.model),
+        "yaw": candidate.yaw and _yaw(candidate.yaw),
+        "sweep": candidate.sweep and _sweep(candidate.sweep),
+        "joint_search": candidate.joint and _joint(candidate.joint),
+        "search": candidate.search and _search(candidate.search),
+        "face": candidate.face and _face(candidate.face, candidate.model),
     }
     document |= {key: part for key, part in parts.items() if part}
-    if one.verification is not None:
+    if candidate.verification is not None:
         document["verification"] = {
-            "contrast": _rounded(one.verification.signs.contrast),
-            "coverage": _rounded(one.verification.signs.coverage),
-            "score": _rounded(one.verification.signs.score),
-            "doubt": _rounded(one.verification.signs.doubt),
-            "hidden": _rounded(one.verification.signs.hidden),
-            "rank": _rounded(one.verification.rank),
+            "contrast": _rounded(candidate.verification.signs.contrast),
+            "coverage": _rounded(candidate.verification.signs.coverage),
+            "score": _rounded(candidate.verification.signs.score),
+            "doubt": _rounded(candidate.verification.signs.doubt),
+            "hidden": _rounded(candidate.verification.signs.hidden),
+            "rank": _rounded(candidate.verification.rank),
         }
     return document
 
@@ -150,7 +151,7 @@ def _search(looked: Search) -> dict[str, Any]:
         ],
     }
     if looked.finer:
-        document["closer"] = [_search(one) for one in looked.finer]
+        document["closer"] = [_search(closer) for closer in looked.finer]
     return document
 
 
@@ -160,27 +161,27 @@ def _face(face: FaceEstimate, model: PalletModel) -> dict[str, Any]:
         "chi2": _rounded(face.chi2),
         "doubt": _rounded(face.doubt),
         "hidden_m": [_list(span) for span in face.seen.hidden],
-        "edges": [_edge(one) for one in account_edges(face, model)],
+        "edges": [_edge(account) for account in account_edges(face, model)],
     }
 
 
-def _edge(one: EdgeAccount) -> dict[str, Any]:
+def _edge(account: EdgeAccount) -> dict[str, Any]:
     document: dict[str, Any] = {
-        "number": one.number,
-        "edge": str(one.edge.kind),
-        "name": one.name,
-        "fate": str(one.fate),
-        "load_above": one.loaded,
-        "weight": _rounded(one.weight),
+        "number": account.number,
+        "edge": str(account.edge.kind),
+        "name": account.name,
+        "fate": str(account.fate),
+        "load_above": account.loaded,
+        "weight": _rounded(account.weight),
     }
-    if one.measured is not None:
-        fit = one.measured.fit
+    if account.measured is not None:
+        fit = account.measured.fit
         document |= {
             "offset_m": _rounded(fit.offset),
             "slope": _rounded(fit.slope),
-            "sigma_m": _rounded(one.sigma),
+            "sigma_m": _rounded(account.sigma),
             "coverage": _rounded(fit.coverage),
-            "expected_m": _rounded(one.measured.shift.mean),
+            "expected_m": _rounded(account.measured.shift.mean),
         }
     return document
 

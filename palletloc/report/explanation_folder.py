@@ -9,8 +9,8 @@ from contextlib import suppress
 from pathlib import Path
 
 from palletloc.candidate import ShotView
-from palletloc.drawing.naming import name_candidates
 from palletloc.drawing.stages import Picture, stage_pictures
+from palletloc.explained import name_candidates
 from palletloc.geometry import Image
 from palletloc.io.atomic import write_bytes, write_text
 from palletloc.io.explanation import explanation_document

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from palletloc.candidate import Candidate, ShotView
-from palletloc.config import Method
+from palletloc.choices import Method
 from palletloc.drawing.canvas import as_jpeg
-from palletloc.drawing.naming import Named, name_candidates
 from palletloc.drawing.stages import Picture, shelf_pictures, step_pictures
-from palletloc.evaluation.estimate import PalletEstimate
+from palletloc.evaluation.pose_error import PalletEstimate
+from palletloc.explained import Named, name_candidates
 from palletloc.geometry import Image
 from palletloc.io.recording import Recording, Shot
 from palletloc.io.run_folder import STATUS

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from palletloc.evaluation.recording_truth import RecordingTruth
-from palletloc.evaluation.survey_document import instrument_errors, survey_notes
-from palletloc.evaluation.surveyed_truth import PlacedBody, SurveyedTruth
+from palletloc.evaluation.truth import RecordingTruth, survey_notes
 from palletloc.report.page import Column, heading, paragraph, table
+from palletloc.survey.polar import instrument_errors
+from palletloc.survey.truth import PlacedBody, SurveyedTruth
 
 _DEGREE, _SIGMA = "\N{DEGREE SIGN}", "\N{GREEK SMALL LETTER SIGMA}"
 _SECOND = "\N{DOUBLE PRIME}"

@@ -22,10 +22,10 @@ from calibration.texture_alignment import on_board
 from palletloc.__main__ import COMMANDS
 from palletloc.cameras import Equirectangular
 from palletloc.cli.app import run
-from palletloc.evaluation.survey.gsi_writer import point_block, write_gsi
-from palletloc.evaluation.survey.point import Survey, SurveyPoint
 from palletloc.geometry import FloatArray, Image
 from palletloc.io.camera_spec import transform_from_angles
+from palletloc.survey.point import Survey, SurveyPoint
+from tests.palletloc.survey.gsi_writer import point_block, write_gsi
 
 WORLD_FROM_FORKLIFT = RigidTransform.from_components(
     [512.3, 1043.7, 98.2], Rotation.from_euler("ZYX", [118.0, 0.4, -0.3], degrees=True)

@@ -11,7 +11,8 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from palletloc.cameras import CameraModel, Equirectangular, Pinhole
 from palletloc.candidate import ShotView
-from palletloc.config import LocalizerConfig, Method
+from palletloc.choices import Method
+from palletloc.config import LocalizerConfig
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.localizer import Localizer
 from palletloc.mounting import Mounting

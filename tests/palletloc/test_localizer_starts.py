@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from palletloc.candidate import ShotView
-from palletloc.config import LocalizerConfig, Method
+from palletloc.choices import Method
+from palletloc.config import LocalizerConfig
 from palletloc.geometry import FloatArray, LevelPose, level_pose, wrap_angle
 from palletloc.joint_search import JointSearchConfig
 from palletloc.localizer import Localizer, Start

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from palletloc.candidate import Candidate
-from palletloc.config import LocalizerConfig, Method, PriorConfig
+from palletloc.choices import Method
+from palletloc.config import LocalizerConfig, PriorConfig
 from palletloc.geometry import LevelPose
 from palletloc.io.atomic import OutputError
 from palletloc.io.csv_table import TableError

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from calibration.check.assessment import assess_check
 from calibration.check.mounting import MountingCheck, NamedYaw
 from calibration.check.report import check_data
-from calibration.check.sources import FLOOR, LEVELS, VERTICALS, Absent, Contradiction, NamedTilt
+from calibration.check.tilt_sources import FLOOR, LEVELS, VERTICALS, Absent, Contradiction, NamedTilt
 from calibration.findings import DEGENERATE, FAIL, PASS
 from calibration.shelf.gravity_lines import Tilt
 from palletloc.__main__ import COMMANDS

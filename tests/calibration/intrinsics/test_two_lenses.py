@@ -10,9 +10,9 @@ import pytest
 import yaml
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from calibration.formats.own import read_own
+from calibration.formats.camera_file import read_own
 from calibration.intrinsics.board_views import numbered_boards
-from calibration.lenses.bundle import BoardView
+from calibration.lenses.problem import BoardView
 from calibration.targets import CharucoBoard
 from palletloc.__main__ import COMMANDS
 from palletloc.cameras import DualFisheye, FisheyeLens, KannalaBrandt

@@ -7,10 +7,10 @@ import pytest
 from calibration.drive import Drive
 from calibration.findings import DEGENERATE, FAIL, PASS
 from calibration.shelf.assessment import assess_shelf
-from calibration.shelf.bundle import Bundle, Observed
 from calibration.shelf.front_line import PALLETS, UPRIGHTS
 from calibration.shelf.plane import Foot, PlaneEstimate, fuse
 from calibration.shelf.plane_sweep import Peak, PlaneSweep
+from calibration.shelf.problem import DriveSolution, Observed
 from calibration.shelf.report import shelf_data, shelf_page
 from calibration.shelf.shots import Skipped, motion_refusal
 from calibration.shelf.survey import Front, ShelfSurvey
@@ -41,9 +41,9 @@ def way(ends: tuple[float, float], count: int = 5) -> Drive:
 def survey(*estimates: PlaneEstimate, skipped: tuple[Skipped, ...] = (), scale: float = 1.0) -> ShelfSurvey:
     drive = way((2.0, 0.0))
     none: FloatArray = np.zeros((0, 3))
-    bundle = Bundle(scale, 0.0, 0.0, drive.poses(), none, np.zeros((0, 2)), np.eye(18), none, np.zeros(0))
+    solution = DriveSolution(scale, 0.0, 0.0, drive.poses(), none, np.zeros((0, 2)), np.eye(18), none, np.zeros(0))
     return ShelfSurvey(
-        read_recording(SAMPLE), tuple(range(5)), PRIOR, Front.UPRIGHTS, FOOT, Observed(drive, CAMERA), bundle, (),
+        read_recording(SAMPLE), tuple(range(5)), PRIOR, Front.UPRIGHTS, FOOT, Observed(drive, CAMERA), solution, (),
         Edges.none(), np.zeros(0), estimates, skipped, fuse(estimates) if estimates else None,
     )  # fmt: skip
 

@@ -12,12 +12,13 @@ from hypothesis import strategies as st
 
 from palletloc.cameras import CameraModel, KannalaBrandt, Pinhole
 from palletloc.candidate import ShotView
+from palletloc.choices import CameraKind
 from palletloc.geometry import FloatArray, Image, LevelPose
 from palletloc.localizer import Localizer, Start
 from palletloc.pallet import PalletModel
 from palletloc.projection import Projector
 from palletloc.shelf import ShelfPlane
-from palletloc.synthetic.rig import CameraKind, camera_of
+from palletloc.synthetic.rig import camera_of
 
 Placed = tuple[PalletModel, LevelPose]
 Scene = tuple[ShotView, tuple[Placed, ...], ShelfPlane]

@@ -11,7 +11,7 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from palletloc.candidate import ShotView
-from palletloc.config import Method
+from palletloc.choices import Method
 from palletloc.geometry import LevelPose
 from palletloc.localizer import METHODS, Explanation, Localizer, Start
 from palletloc.measurement import Reason, Stage

@@ -1,0 +1,146 @@
+"""A result in its outputs: terminal, HTML and JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from typing import Any
+
+import rich.table
+from rich import box
+from rich.console import RenderableType
+from rich.text import Text
+
+from calibration.findings import Finding, Severity
+from calibration.sections import (
+    Drawing,
+    Findings,
+    Heading,
+    JsonValues,
+    KeyFigures,
+    Output,
+    Paragraph,
+    ResultPage,
+    Section,
+    Table,
+    words,
+)
+from palletloc.drawing.canvas import small_png
+from palletloc.report import page as html
+
+FORMAT = 1
+"""Version of the reports in JSON. Programs read it; it changes when a key changes its meaning."""
+
+
+def terminal_parts(result: ResultPage) -> tuple[RenderableType, ...]:
+    """Return what a command prints of a result.
+
+    Parameters
+    ----------
+    result : ResultPage
+        The result.
+    """
+    return tuple(part for section in result.sections for part in _on_terminal(section))
+
+
+def _on_terminal(section: Section) -> Iterator[RenderableType]:
+    match section:
+        case Paragraph() if Output.TERMINAL in section.output:
+            yield Text(section.text)
+        case Table() if Output.TERMINAL in section.output:
+            yield _terminal_table(section)
+
+
+def _terminal_table(section: Table) -> rich.table.Table:
+    table = rich.table.Table(box=box.SIMPLE_HEAD)
+    for column in section.columns:
+        table.add_column(column.heading, justify="left" if column.is_text else "right")
+    for row in section.rows:
+        table.add_row(*(Text(cell) for cell in row))
+    if section.total:
+        table.add_section()
+        table.add_row(*(Text(cell) for cell in section.total))
+    return table
+
+
+def reason_lines(result: ResultPage) -> tuple[str, ...]:
+    """Return what a command says on standard error: why a result fails, and what restricts it, one line each.
+
+    Parameters
+    ----------
+    result : ResultPage
+        The result.
+    """
+    return tuple(
+        line
+        for section in result.sections
+        if isinstance(section, Findings)
+        for line in (*(_finding_line(finding) for finding in section.findings), *section.remarks)
+    )
+
+
+def _finding_line(finding: Finding) -> str:
+    return f"{finding.severity}: {finding.code}: {finding.what}; {finding.how}"
+
+
+def json_text(result: ResultPage) -> str:
+    """Return a result as the content of a file in JSON.
+
+    Parameters
+    ----------
+    result : ResultPage
+        The result.
+    """
+    data: dict[str, Any] = {"format": FORMAT, "exit_code": result.exit_code}
+    for section in result.sections:
+        if isinstance(section, Findings):
+            data["reasons"] = [_finding_data(finding) for finding in section.findings]
+        if isinstance(section, JsonValues):
+            data |= section.values
+    return json.dumps(data, indent=1, allow_nan=False) + "\n"
+
+
+def _finding_data(finding: Finding) -> dict[str, str]:
+    return {"severity": str(finding.severity), "code": finding.code, "what": finding.what, "how": finding.how}
+
+
+def html_text(result: ResultPage) -> str:
+    """Return a result as a page of HTML that needs nothing but itself.
+
+    Parameters
+    ----------
+    result : ResultPage
+        The result.
+    """
+    start = (html.heading(result.heading, level=1), html.paragraph(result.verdicts[result.exit_code], "lead"))
+    parts = (part for section in result.sections for part in _on_page(section))
+    return html.page(result.command, (*start, *parts))
+
+
+def _on_page(section: Section) -> Iterator[str]:
+    match section:
+        case Heading():
+            yield html.heading(section.text)
+        case Paragraph() if Output.PAGE in section.output:
+            yield html.paragraph(section.text)
+        case KeyFigures():
+            yield html.key_figures(section.figures)
+        case Table() if Output.PAGE in section.output:
+            yield html.table(section.columns, section.rows)
+        case Drawing():
+            source = html.embedded(small_png(section.draw()))
+            yield html.picture(source, section.caption, keep_wide=section.keep_wide)
+        case Findings():
+            yield html.heading("What to do next")
+            yield _findings_on_page(section)
+
+
+def _findings_on_page(section: Findings) -> str:
+    """Return the table of findings, the worst first."""
+    if not section.findings:
+        return html.paragraph(section.nothing)
+    order = list(Severity)
+    rows = []
+    for finding in sorted(section.findings, key=lambda finding: order.index(finding.severity)):
+        rows += [[str(finding.severity), finding.code, finding.what], ["", "", f"do: {finding.how}"]]
+    return html.table(words("", "code", "what, and what to do"), rows)

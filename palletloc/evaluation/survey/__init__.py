@@ -1,1 +1,0 @@
-"""Points that a total station has surveyed: reading and writing its files."""

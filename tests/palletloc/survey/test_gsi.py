@@ -1,0 +1,144 @@
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from palletloc.io.reading import InputError
+from palletloc.survey.gsi import GsiLineError, parse_gsi, parse_line, read_gsi
+from palletloc.survey.point import SurveyError
+from tests.palletloc.survey.gsi_writer import format_block
+
+# Lines of real instruments.
+REAL = [
+    "110001+00000001 21.322+03496940 22.322+09364360 31..00+00030485 51..1.+0000+000 87..10+00001500 "
+    "81..00+00515836 82..00+00525871 83..00+00003079 71....+00000001 32..10+00030333 ",
+    "*110002+00000000GDEM5415 21.024+0000000003545100 22.024+0000000009117510 31...0+0000000000013825 "
+    "51....+000000000017+000 87...0+0000000000001300 88...0+0000000000001324 ",
+    "*410004+0000000000000021 42....+000000000000BP04 43....+0000000000001538 ",
+    "*110015+000000000000BP03 21.322+0000000016901313 22.322+0000000009955914 31..00+0000000000029462 "
+    "51..1.+00000008+0000000 71....+00000000000----- ",
+    "110003+0000000G 32...8+02275233 331.08+00126139 390...+00000003 391.08+00000004 ",
+    "410001+?......2 ",
+]
+TEXT = "\n".join(REAL)
+
+
+@pytest.mark.parametrize("line", REAL)
+def test_a_real_line_is_read_and_written_byte_by_byte(line: str) -> None:
+    block = parse_line(line, 3)
+    assert format_block(block) == line
+    assert parse_line(format_block(block), 3) == block
+
+
+def test_values_of_a_real_line() -> None:
+    block = parse_line(REAL[0])
+    values = {index: word.measure() for index in ("31", "81", "82", "83", "87") if (word := block.word(index))}
+    assert values == {"31": 30.485, "81": 515.836, "82": 525.871, "83": 3.079, "87": 1.5}
+    assert [word.index for word in parse_line(REAL[4]).words] == ["11", "32", "331", "390", "391"]
+
+
+@pytest.mark.parametrize("ending", ["\n", "\r\n", "\r", "\r\r\n", "\n\n"])
+@pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf"])
+def test_any_line_ending_and_a_byte_order_mark_are_read(tmp_path: Path, ending: str, mark: bytes) -> None:
+    path = tmp_path / "a.gsi"
+    path.write_bytes(mark + ending.join(REAL).encode())
+    file = read_gsi(path)
+    assert [format_block(block) for block in file.blocks] == REAL
+    assert file.rejected == ()
+
+
+def test_utf_16_and_other_alphabets_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.gsi"
+    path.write_bytes(TEXT.encode("utf-16"))
+    assert len(read_gsi(path).blocks) == len(REAL)
+    path.write_bytes(REAL[0].replace("71....+00000001", "71....+0000H\u00f6he").encode("latin-1"))
+    word = read_gsi(path).blocks[0].word("71")
+    assert word
+    assert word.text == "H\u00f6he"
+
+
+@pytest.mark.parametrize("line", REAL)
+def test_a_missing_blank_at_the_end_changes_nothing_else(line: str) -> None:
+    block = parse_line(line.rstrip())
+    assert block.words == parse_line(line).words
+    assert format_block(block) == line.rstrip()
+
+
+def test_dashes_are_no_value_and_noted_with_line_and_word() -> None:
+    file = parse_gsi(Path("a.gsi"), TEXT.replace("31..00+00030485", "31..00+--------"))
+    assert len(file.blocks) == len(REAL)
+    assert [(note.line, note.text) for note in file.notes] == [(1, "word 31 has no value, its data are '--------'")]
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("hello", "column 1: expected a word as '31..00\\+00030485', got 'hello'"),
+        ("* ", "has no words"),
+        ("21.322+03496940 ", "starts with word 21, expected a point"),
+        ("110001+00000001 31..00+000304", "column 17: word 31 has 6 of 8 characters of data"),
+        ("110001+00000001 31..00 00030485", "column 17: expected a word"),
+        ("*110001+00000001 31..00+00030485", "column 25: expected a blank after word 11, got '0'|expected a word"),
+        ("110001+0000000000000001 31..00+0000000000030485", "the line has no '\\*' for words of 16 characters"),
+        ("110001+00000001 31..00+00000001 31..00+00000002", "word 31 stands there twice"),
+    ],
+)
+def test_a_bad_line_is_listed_with_number_and_reason(line: str, said: str) -> None:
+    with pytest.raises(GsiLineError, match=said):
+        parse_line(line)
+    file = parse_gsi(Path("a.gsi"), f"{REAL[0]}\n\n{line}\n{REAL[1]}")
+    assert [block.line for block in file.blocks] == [1, 4]
+    assert [note.line for note in file.rejected] == [3]
+
+
+@settings(max_examples=100)
+@given(
+    place=st.integers(0, len(TEXT) - 1),
+    cut=st.integers(0, 30),
+    put=st.text("0123456789+-. *A\r\n\t", max_size=4),
+)
+def test_whatever_is_done_to_a_file_each_line_is_read_or_listed(place: int, cut: int, put: str) -> None:
+    text = TEXT[:place] + put + TEXT[place + cut :]
+    try:
+        file = parse_gsi(Path("a.gsi"), text)
+    except SurveyError:
+        return
+    seen = [block.line for block in file.blocks] + [note.line for note in file.rejected]
+    lines = re.split(r"\r*\n|\r", text)
+    assert sorted(seen) == [number for number, line in enumerate(lines, start=1) if line.strip()]
+    for block in file.blocks:
+        assert parse_line(format_block(block), block.line) == block
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"", r"a\.gsi: is empty; expected lines in GSI form"),
+        (b"name,x_m,y_m,z_m\nA,1,2,3\n", r"a\.gsi, line 1: column 1: expected a word"),
+        (b"11\0", "zero bytes"),
+    ],
+)
+def test_a_file_of_another_kind_is_an_error(tmp_path: Path, content: bytes, said: str) -> None:
+    path = tmp_path / "a.gsi"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=said):
+        read_gsi(path)
+
+
+def test_an_error_about_a_survey_is_one_about_input() -> None:
+    assert issubclass(SurveyError, InputError)
+
+
+@pytest.mark.parametrize("name", ["dna_level", "tps_mixed_units", "two_faces"])
+def test_every_line_of_the_real_files_is_read_or_listed(shared_data: Path, name: str) -> None:
+    path = shared_data / "gsi" / f"{name}.gsi"
+    lines = path.read_text().splitlines()
+    file = read_gsi(path)
+    seen = [block.line for block in file.blocks] + [note.line for note in file.rejected]
+    assert sorted(seen) == [number for number, line in enumerate(lines, start=1) if line.strip()]
+    assert [format_block(block) for block in file.blocks] == [lines[block.line - 1] for block in file.blocks]
+    assert len(file.blocks) > 0.99 * len(seen)

@@ -1,0 +1,114 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from palletloc.survey.polar import (
+    FaceErrors,
+    PolarObservation,
+    Station,
+    average_faces,
+    line_of_sight,
+    misread_faces,
+    reduce_sight,
+)
+
+HORIZONTAL = st.floats(0, 2 * math.pi, exclude_max=True)
+ZENITH = st.floats(0.3, math.pi - 0.3)
+ERROR = st.floats(-1e-4, 1e-4)
+STATION = Station(np.array([500.0, 300.0, 20.0]), 0.4)
+
+
+def turned_over(
+    sight: PolarObservation, index: float = 0.0, collimation: float = 0.0
+) -> tuple[PolarObservation, PolarObservation]:
+    """Return both faces as an instrument with these errors reads them."""
+    first = replace(sight, zenith=sight.zenith + index, horizontal=sight.horizontal + collimation)
+    second = replace(
+        sight,
+        zenith=2 * math.pi - sight.zenith + index,
+        horizontal=(sight.horizontal + math.pi - collimation) % (2 * math.pi),
+        line=2,
+    )
+    return first, second
+
+
+def test_the_axes_are_easting_northing_and_height() -> None:
+    for horizontal, zenith, expected in [
+        (0.0, math.pi / 2, [0, 1, 0]),
+        (math.pi / 2, math.pi / 2, [1, 0, 0]),
+        (1.0, 0.0, [0, 0, 1]),
+    ]:
+        sight = PolarObservation("P", horizontal, zenith, 1.0)
+        assert_allclose(reduce_sight(sight, Station()), expected, atol=1e-15)
+
+
+@given(HORIZONTAL, ZENITH)
+def test_a_reduced_point_has_its_distance_and_heights(horizontal: float, zenith: float) -> None:
+    sight = PolarObservation("P", horizontal, zenith, 7.5, reflector_height=1.3, instrument_height=1.6)
+    point = reduce_sight(sight, STATION)
+    aim = point - STATION.position + np.array([0, 0, 1.3 - 1.6])
+    assert np.linalg.norm(aim) == pytest.approx(7.5)
+    assert line_of_sight(sight, STATION) @ aim == pytest.approx(7.5)
+
+
+@given(HORIZONTAL, ZENITH)
+def test_both_faces_lead_to_one_point(horizontal: float, zenith: float) -> None:
+    first, second = turned_over(PolarObservation("P", horizontal, zenith, 5.0))
+    assert second.second_face
+    assert not first.second_face
+    assert_allclose(reduce_sight(first, STATION), reduce_sight(second, STATION), atol=1e-9)
+
+
+@settings(max_examples=60)
+@given(HORIZONTAL, ZENITH, ERROR, ERROR)
+def test_the_mean_of_two_faces_is_free_of_errors_and_these_are_told(
+    horizontal: float, zenith: float, index: float, collimation: float
+) -> None:
+    true = PolarObservation("P", horizontal, zenith, 5.0, line=1)
+    mean, (errors,) = average_faces(turned_over(true, index, collimation))
+    assert_allclose(reduce_sight(mean, STATION), reduce_sight(true, STATION), atol=1e-9)
+    assert errors.index == pytest.approx(index, abs=1e-12)
+    assert errors.collimation == pytest.approx(collimation, abs=1e-12)
+    assert errors.lines == (1, 2)
+
+
+def test_faces_weigh_the_same_however_often_each_was_read() -> None:
+    true = PolarObservation("P", 6.28, 1.2, 5.0)
+    first, second = turned_over(true, index=1e-4)
+    mean, errors = average_faces([first, second, first, first])
+    assert mean.zenith == pytest.approx(true.zenith, abs=1e-12)
+    assert len(errors) == 1
+
+
+def test_directions_on_both_sides_of_zero_are_averaged() -> None:
+    around = [PolarObservation("P", angle, 1.5, 5.0) for angle in (0.001, 2 * math.pi - 0.001)]
+    mean, errors = average_faces(around)
+    assert math.cos(mean.horizontal) == pytest.approx(1.0, abs=1e-12)
+    assert errors == []
+
+
+def test_a_pair_of_faces_unlike_the_others_is_misread() -> None:
+    usual = [FaceErrors("P", (1, 2), 1e-4 + 1e-6 * number, -2e-4) for number in range(4)]
+    assert misread_faces(usual) == []
+    odd = [FaceErrors("Q", (8, 9), 2.1e-4, -2e-4), FaceErrors("R", (10, 11), 1e-4, -3.1e-4)]
+    assert misread_faces([*usual, *odd]) == odd
+    assert misread_faces([usual[0], odd[0]]) == []
+
+
+def test_sights_of_different_targets_or_heights_are_not_averaged() -> None:
+    one = PolarObservation("P", 0.0, 1.5, 5.0)
+    for other in (replace(one, name="Q"), replace(one, reflector_height=1.0)):
+        with pytest.raises(ValueError, match="one target with equal heights"):
+            average_faces([one, other])
+
+
+def test_a_sight_without_distance_is_not_reduced() -> None:
+    with pytest.raises(ValueError, match="expected a distance to 'P'"):
+        reduce_sight(PolarObservation("P", 0.0, 1.5, None), Station())

@@ -13,7 +13,8 @@ from benchmarks.tables import Column, Section
 from palletloc.geometry import LevelPose
 from palletloc.measurement import PalletMeasurement, YawSource
 from tracking import Odometry, OdometryNoise, PalletTracker, TrackerConfig, Twist
-from tracking.filter import Association, GroupFilter
+from tracking.filter import GroupFilter
+from tracking.gating import Association
 from tracking.observation import Observation, observe
 from tracking.state import Key, regrouped
 

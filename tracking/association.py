@@ -16,8 +16,8 @@ from palletloc.pallet import PalletModel
 from palletloc.pallet_library import load_library
 from palletloc.verification import outline, overlaps
 from tracking.config import GateConfig
-from tracking.filter import Association, GroupFilter
-from tracking.gating import chi_square_limit, covariance_scale, huber_weight
+from tracking.filter import GroupFilter
+from tracking.gating import Association, chi_square_limit, covariance_scale, huber_weight
 from tracking.observation import Observation
 from tracking.state import COMMON, SIZE, IntArray
 from tracking.track import Track

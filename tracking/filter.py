@@ -21,6 +21,7 @@ from scipy.linalg.lapack import dposv
 
 from palletloc.geometry import FloatArray, wrap_angle
 from tracking.config import TrackerConfig
+from tracking.gating import Association
 from tracking.motion import Motion
 from tracking.observation import YAW, Observation
 from tracking.state import (
@@ -47,28 +48,6 @@ class Innovation(NamedTuple):
     """Squared Mahalanobis distance: the normalised innovation squared, NIS."""
     log_volume: float
     """Logarithm of the determinant of the innovation's covariance."""
-
-
-class Association(NamedTuple):
-    """A measurement with the track that it may belong to."""
-
-    observation: Observation
-    """The measurement."""
-    scale: float = 1.0
-    """Factor on its covariance that the track's earlier innovations ask for."""
-    weight: float = 1.0
-    """How much it counts, up to 1: a robust weight."""
-    distance: float = 0.0
-    """Squared Mahalanobis distance from the track, before the measurement."""
-    log_volume: float = 0.0
-    """Logarithm of the determinant of the innovation's covariance."""
-    limit: float = math.inf
-    """The gate: the largest distance at which they may belong together."""
-
-    @property
-    def passes(self) -> bool:
-        """Whether they may belong together."""
-        return self.distance <= self.limit
 
 
 class MeasurementModel(NamedTuple):

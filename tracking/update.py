@@ -17,8 +17,7 @@ from tracking.association import FEW, Comparison, Standing, assign
 from tracking.belief import Belief, Disposition, UpdateModel
 from tracking.config import TrackerConfig
 from tracking.events import EventKind
-from tracking.filter import Association
-from tracking.gating import chi_square_limit
+from tracking.gating import Association, chi_square_limit
 from tracking.motion import Motion
 from tracking.observation import ALL, Observation
 from tracking.state import POSE, Gaussian, Key, TrackGroup, regrouped

@@ -12,7 +12,8 @@ import pytest
 from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 from palletloc.measurement import PalletMeasurement, YawSource
 from tracking.config import MeasurementErrors, TrackerConfig
-from tracking.filter import Association, GroupFilter
+from tracking.filter import GroupFilter
+from tracking.gating import Association
 from tracking.motion import Motion, Twist
 from tracking.observation import YAW, Observation, observe
 from tracking.odometry import OdometryNoise

@@ -13,7 +13,8 @@ from scipy.stats import chi2
 from palletloc.geometry import FloatArray, LevelPose, level_pose, wrap_angle
 from palletloc.measurement import PalletMeasurement, YawSource
 from tracking.config import GateConfig, MeasurementErrors, TrackerConfig, WindowConfig
-from tracking.filter import Association, GroupFilter, model_of
+from tracking.filter import GroupFilter, model_of
+from tracking.gating import Association
 from tracking.motion import Motion, Twist
 from tracking.observation import Observation, ShotTaken, observe
 from tracking.odometry import Odometry, OdometryNoise

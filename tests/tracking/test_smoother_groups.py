@@ -11,7 +11,8 @@ import pytest
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.measurement import PalletMeasurement, YawSource
 from tracking.config import MeasurementErrors, TrackerConfig
-from tracking.filter import Association, GroupFilter
+from tracking.filter import GroupFilter
+from tracking.gating import Association
 from tracking.motion import Twist
 from tracking.observation import Observation, observe
 from tracking.odometry import OdometryNoise

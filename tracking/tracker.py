@@ -284,8 +284,10 @@ class PalletTracker:
         since = math.inf
         for usable in (*self._held, ready):
             if self._clock.horizon <= usable.time <= self._clock.newest:
-                take = self._take_odometry if isinstance(usable, Odometry) else self._take_shot
-                taken, changed = take(usable)  # type: ignore[operator]
+                if isinstance(usable, Odometry):
+                    taken, changed = self._take_odometry(usable)
+                else:
+                    taken, changed = self._take_shot(usable), math.inf
                 events += taken
                 since = min(since, changed)
         self._held = []
@@ -327,16 +329,16 @@ class PalletTracker:
             events.append(Event(EventKind.RESET, sample.time, reason="the odometry's pose jumped"))
         return events, math.nextafter(changed, math.inf)
 
-    def _take_shot(self, given: Observation | ShotTaken) -> tuple[list[Event], float]:
+    def _take_shot(self, given: Observation | ShotTaken) -> list[Event]:
         shot = self._window.shot_at(given.time)
         if isinstance(given, ShotTaken):
             if shot is None:
                 self._window.place(ShotMeasurements(given.time))
-            return [Event(EventKind.ACCEPTED, given.time)], math.inf
+            return [Event(EventKind.ACCEPTED, given.time)]
         if shot is not None and shot.holds(given):
-            return [Event(EventKind.DUPLICATE, given.time)], math.inf
+            return [Event(EventKind.DUPLICATE, given.time)]
         self._window.place((shot or ShotMeasurements(given.time)).plus(given))
-        return [], math.inf
+        return []
 
     def _restarted(self, time: float) -> list[Event]:
         """Forget everything but the numbers given so far."""

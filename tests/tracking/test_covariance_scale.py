@@ -77,8 +77,8 @@ def outcome(draw_drive: Callable[..., Any], factor: float, runs: int, gate: Gate
 
 
 def test_a_localizer_that_is_too_sure_of_itself_is_scaled(draw_drive: Callable[..., Any]) -> None:
-    adapted = outcome(draw_drive, 4.0, 4)
-    plain = outcome(draw_drive, 4.0, 4, GateConfig(adapt_over=0))
+    adapted = outcome(draw_drive, 4.0, 2)
+    plain = outcome(draw_drive, 4.0, 2, GateConfig(adapt_over=0))
     assert adapted.nees < 0.7 * plain.nees
     assert adapted.gated < 0.5 * plain.gated
 

@@ -112,12 +112,14 @@ def without_odometry(chain: Sequence[TrackGroup]) -> list[TrackGroup]:
     return blind
 
 
-RUNS = [approach(seed) for seed in range(40)]
+@cache
+def run_of(seed: int) -> Approach:
+    return approach(seed)
 
 
 @cache
 def chain_of_run(seed: int) -> dict[float, TrackGroup]:
-    return chain_of(followed(RUNS[seed]))
+    return chain_of(followed(run_of(seed)))
 
 
 def rms(all_errors: Sequence[FloatArray]) -> FloatArray:
@@ -126,8 +128,8 @@ def rms(all_errors: Sequence[FloatArray]) -> FloatArray:
 
 def test_the_smoother_beats_the_filter_and_one_without_odometry_fails() -> None:
     of_filter, of_smoother, of_blind = [], [], []
-    for seed, run in enumerate(RUNS[:12]):
-        chain = chain_of_run(seed)
+    for seed in range(8):
+        chain, run = chain_of_run(seed), run_of(seed)
         tracks = list(chain.values())
         smooth, blind = smoothed_chain(tracks), smoothed_chain(without_odometry(tracks))
         for i, time in enumerate(chain):
@@ -139,13 +141,14 @@ def test_the_smoother_beats_the_filter_and_one_without_odometry_fails() -> None:
 
 
 @pytest.mark.parametrize("step", [0, SHOTS // 2, SHOTS - 1])
-def test_the_smoothers_covariance_is_honest(step: int) -> None:
+@pytest.mark.parametrize("runs", [8, pytest.param(60, marks=pytest.mark.slow)])
+def test_the_smoothers_covariance_is_honest(step: int, runs: int) -> None:
     """The sum of n squared normalised errors of four degrees of freedom is a chi-square variable of 4 n."""
     values = []
-    for seed, run in enumerate(RUNS):
+    for seed in range(runs):
         chain = chain_of_run(seed)
         time = list(chain)[step]
-        values.append(nees(smoothed_chain(list(chain.values()))[step], run.truth[time]))
+        values.append(nees(smoothed_chain(list(chain.values()))[step], run_of(seed).truth[time]))
     low, high = (float(chi2.ppf(p, 4 * len(values))) / len(values) for p in (0.0005, 0.9995))
     assert low < np.mean(values) < high
 
@@ -252,7 +255,7 @@ def turned(by: float) -> list[TrackGroup]:
         return replace(one, forklift_from_pallet=replace(pose, yaw=wrap_angle(pose.yaw + by)))
 
     tracker = PalletTracker(HONEST, keep_history=True)
-    for given in RUNS[2].inputs:
+    for given in run_of(2).inputs:
         tracker.push([rotated(one) for one in given])
     return list(chain_of(tracker).values())
 
@@ -275,7 +278,7 @@ def test_a_yaw_may_pass_through_half_a_turn(step: int) -> None:
 @pytest.mark.parametrize("window", [0.2, 20.0])
 def test_the_window_does_not_matter_even_where_nothing_is_seen_for_longer(window: float) -> None:
     """Where no shot comes, the tracker carries its tracks on; the smoother goes back through that, too."""
-    gap = [given for given in RUNS[4].inputs if not (isinstance(given[0], ShotTaken) and 1.9 < given[0].time < 5.5)]
+    gap = [given for given in run_of(4).inputs if not (isinstance(given[0], ShotTaken) and 1.9 < given[0].time < 5.5)]
     tracker = followed(Approach(gap, {}), replace(HONEST, window=WindowConfig(window_s=window)))
     other = followed(Approach(gap, {}))
     shots = {given[0].time for given in gap if isinstance(given[0], ShotTaken)}
@@ -292,12 +295,12 @@ def all_of(moments: Sequence[SmoothedMoment]) -> FloatArray:
 
 
 def test_late_shots_lead_to_the_same_history() -> None:
-    shots = [given for given in RUNS[3].inputs if isinstance(given[0], ShotTaken)]
+    shots = [given for given in run_of(3).inputs if isinstance(given[0], ShotTaken)]
     late = sorted(
-        RUNS[3].inputs, key=lambda given: given[0].time + (1.3 if any(given is one for one in shots) else 0.0)
+        run_of(3).inputs, key=lambda given: given[0].time + (1.3 if any(given is one for one in shots) else 0.0)
     )
-    assert late != RUNS[3].inputs
-    in_order = smoothed(followed(RUNS[3]).history())
+    assert late != run_of(3).inputs
+    in_order = smoothed(followed(run_of(3)).history())
     delayed = smoothed(followed(Approach(late, {})).history())
     times = {moment.time for moment in in_order}
     shared = [moment for moment in delayed if moment.time in times]
@@ -306,7 +309,7 @@ def test_late_shots_lead_to_the_same_history() -> None:
 
 
 def test_a_history_is_kept_over_more_than_the_window_and_only_where_asked() -> None:
-    tracker = followed(RUNS[0])
-    assert {moment.time for moment in tracker.history()} >= RUNS[0].truth.keys()
+    tracker = followed(run_of(0))
+    assert {moment.time for moment in tracker.history()} >= run_of(0).truth.keys()
     with pytest.raises(ValueError, match="keep_history"):
         PalletTracker().history()

@@ -15,7 +15,7 @@ from tracking import Odometry, PalletTracker, ShotTaken, SnapshotError, TrackerC
 from tracking.config import GateConfig, LifeConfig
 
 SiteMaker = Callable[..., Any]
-FEW = settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+FEW = settings(max_examples=4, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 def again(tracker: PalletTracker) -> PalletTracker:

@@ -6,17 +6,19 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from palletloc.candidate import Candidate, Fit, Refusal
     from palletloc.choices import Method
     from palletloc.config import LocalizerConfig
     from palletloc.errors import PalletLocError
     from palletloc.geometry import LevelPose
     from palletloc.io.recording import Recording, read_recording
     from palletloc.localizer import Explanation, Localizer, Start
-    from palletloc.measurement import PalletMeasurement, Refusal
+    from palletloc.measurement import PalletMeasurement, RefusedCandidate
     from palletloc.mounting import Mounting
     from palletloc.pallet import Opening, PalletModel
     from palletloc.pallet_library import find_models, load_library
     from palletloc.shelf import ShelfPlane
+    from palletloc.shot import Shot
 
 __version__ = "0.1.0"
 
@@ -33,7 +35,11 @@ _HOMES = {
     "PalletMeasurement": "measurement",
     "PalletModel": "pallet",
     "Recording": "io.recording",
-    "Refusal": "measurement",
+    "Refusal": "candidate",
+    "RefusedCandidate": "measurement",
+    "Shot": "shot",
+    "Fit": "candidate",
+    "Candidate": "candidate",
     "ShelfPlane": "shelf",
     "Start": "localizer",
     "find_models": "pallet_library",
@@ -42,7 +48,9 @@ _HOMES = {
 }
 
 __all__ = [
+    "Candidate",
     "Explanation",
+    "Fit",
     "LevelPose",
     "Localizer",
     "LocalizerConfig",
@@ -54,7 +62,9 @@ __all__ = [
     "PalletModel",
     "Recording",
     "Refusal",
+    "RefusedCandidate",
     "ShelfPlane",
+    "Shot",
     "Start",
     "__version__",
     "find_models",

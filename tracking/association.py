@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from palletloc.footprint import outline, overlaps
 from palletloc.geometry import BoolArray, FloatArray
 from palletloc.pallet import PalletModel
 from palletloc.pallet_library import load_library
-from palletloc.verification import outline, overlaps
 from tracking.config import GateConfig
 from tracking.filter import GroupFilter
 from tracking.gating import Association, chi_square_limit, covariance_scale, huber_weight

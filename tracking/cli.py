@@ -25,7 +25,7 @@ from palletloc.io.run_folder import MEASUREMENTS, Run, RunFolder
 from palletloc.io.tracks import TrackRow
 from palletloc.io.truth import Truth, path_file, read_truth
 from palletloc.measurement import PalletMeasurement
-from palletloc.offline import read_job
+from palletloc.recording_run import read_job
 from palletloc.track_status import Status
 from tracking.config import TrackerConfig, format_tracker_config, read_tracker_config
 from tracking.events import Event, EventKind

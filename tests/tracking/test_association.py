@@ -4,9 +4,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from palletloc.footprint import overlapping
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.pallet_library import load_library
-from palletloc.verification import overlapping
 from tracking.association import Footprints, Standing
 
 LIBRARY = load_library()

@@ -10,7 +10,7 @@ from scipy.spatial.transform import RigidTransform
 from palletloc.cameras import Equirectangular
 from palletloc.drawing.canvas import SERIES, png
 from palletloc.geometry import FloatArray, LevelPose, level_pose
-from palletloc.io.recording import Recording, Shot
+from palletloc.io.recording import Recording, ShotFile
 from palletloc.io.tracks import TrackRow
 from palletloc.io.truth import TruePallet, Truth
 from palletloc.measurement import PalletMeasurement, YawSource
@@ -30,7 +30,7 @@ ODOMETRY = Trajectory(
     np.array(TIMES), np.array([0.0, 0.5, 1.0]), np.zeros(3), np.zeros(3), speed=np.ones(3), yaw_rate=np.zeros(3)
 )
 FORKLIFT = Trajectory(np.array(TIMES), np.array([3.0, 3.0, 3.0]), np.array([1.0, 1.5, 2.0]), np.full(3, np.pi / 2))
-SHOTS = tuple(Shot(time, f"{time}.jpg") for time in TIMES)
+SHOTS = tuple(ShotFile(time, f"{time}.jpg") for time in TIMES)
 RECORDING = Recording(
     Path("aisle"),
     Equirectangular(64, 32),

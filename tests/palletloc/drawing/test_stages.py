@@ -11,6 +11,9 @@ from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Polygon
+from palletloc.horizontal_view import HorizontalView
+from palletloc.joint_search import JointSearchConfig
+from palletloc.yaw import YawVote
 from scipy.spatial.transform import RigidTransform
 
 from palletloc.candidate import Candidate, ShotView
@@ -26,15 +29,12 @@ from palletloc.edge_fit import EdgeFit
 from palletloc.explained import name_candidates
 from palletloc.face import face_lines
 from palletloc.geometry import FloatArray, LevelPose
-from palletloc.horizontal_view import HorizontalView
-from palletloc.joint_search import JointSearchConfig
 from palletloc.localizer import Explanation, Localizer, Start
 from palletloc.measurement import Reason, Stage
 from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
 from palletloc.plane import PALLET_FROM_VERTICAL, place_plane
 from palletloc.shelf import ShelfPlane
-from palletloc.yaw import YawVote
 
 SHELF = ShelfPlane(1.0, 2.0, np.radians(-90.0), (0.0,))
 Placed = tuple[PalletModel, LevelPose]

@@ -21,9 +21,9 @@ from calibration.check.tilt_sources import (
     fused_tilt,
 )
 from calibration.shelf.gravity_lines import Tilt, level_direction, level_tilt, vertical_tilt
+from calibration.shelf.landmarks import usable_shots
 from calibration.shelf.line_segments import Segments, find_segments
 from calibration.shelf.problem import solve
-from calibration.shelf.shots import usable_shots
 from calibration.shelf.survey import ShelfSurvey, survey_shelf
 from palletloc.geometry import FloatArray
 from palletloc.io.recording import Recording

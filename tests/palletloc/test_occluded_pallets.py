@@ -107,13 +107,6 @@ def assert_right_or_refused(found: Candidate, metres: float = np.inf) -> None:
         assert np.abs(wrong[:3]).max() < metres
 
 
-@pytest.fixture(params=["epal", "t11", "open_below"])
-def model(request: pytest.FixtureRequest) -> PalletModel:
-    """Return each of the models in turn."""
-    found: PalletModel = request.getfixturevalue(request.param)
-    return found
-
-
 def test_nothing_hides_a_free_face(model: PalletModel, portrait: Portrait) -> None:
     found = estimate(portrait(model, POSE), model)
     assert found.hidden == ()

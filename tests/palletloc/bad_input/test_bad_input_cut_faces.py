@@ -26,8 +26,9 @@ Scenes = Callable[[str], Scene]
 Photograph = Callable[..., ShotView]
 Check = Callable[..., int]
 
-FEW = settings(max_examples=5, deadline=None, derandomize=True, phases=[Phase.generate])
-MANY = settings(max_examples=20, deadline=None, phases=[Phase.generate])
+EXAMPLES = settings().max_examples
+FEW = settings(max_examples=EXAMPLES * 5 // 100, phases=[Phase.generate])
+MANY = settings(max_examples=EXAMPLES * 20 // 100, phases=[Phase.generate])
 heights = pytest.mark.parametrize("known", [True, False], ids=["level", "free"])
 SEAM = LevelPose(0.3, -0.08, 1.85, 0.0)
 """Where a camera of two lenses stands."""

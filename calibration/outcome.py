@@ -49,7 +49,7 @@ def write_result(result: ResultPage, out: Path) -> tuple[Path, ...]:
     OutputError
         If a file cannot be written.
     """
-    passed = result.exit_code == PASS and result.content is not None
+    passed = result.exit_code == PASS
     stem = out.with_suffix("") if passed else free_stem(out)
     report = write_report(result, stem.with_name(stem.name + ".html"))
     if not passed or result.content is None:

@@ -15,11 +15,10 @@ from calibration.formats.fields import FormatError, read_json, read_yaml
 from calibration.formats.own import camera_text, read_own
 from calibration.lenses.conversion import ConversionError, Difference, convert_lens, difference
 from calibration.lenses.models import MODELS, lens_model, model_of
-from calibration.required_file import require_file
 from palletloc.cameras import CameraModel, DualFisheye, Equirectangular, KannalaBrandt
 from palletloc.errors import PalletLocError, nearest_name
 from palletloc.io.atomic import write_text
-from palletloc.io.reading import read_text
+from palletloc.io.reading import read_text, require_file
 
 _DUAL = "dual_fisheye"
 _YAML = (".yaml", ".yml")

@@ -10,14 +10,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from calibration.bearing_dlt import pose_from_bearings
-from calibration.board_detection import SCALES, Marker, detect_markers
+from calibration.bearings import pose_from_bearings
 from calibration.intrinsics.chessboards import SIGMA_PX, find_chessboard
 from calibration.intrinsics.corner_file import read_corners
 from calibration.intrinsics.task import Chessboard, IntrinsicsTask
 from calibration.lenses.bundle import BoardView
-from calibration.targets import CharucoBoard, Pattern, patterns
-from calibration.texture_alignment import AlignedCorners, align_corners, on_board
+from calibration.targets.board_detection import SCALES, Marker, detect_markers
+from calibration.targets.targets import CharucoBoard, PrintedPattern, on_board, patterns
+from calibration.targets.texture_alignment import AlignedCorners, align_corners
 from palletloc.cameras import CameraModel, KannalaBrandt
 from palletloc.geometry import FloatArray, Image
 from palletloc.io.images import read_image
@@ -39,7 +39,7 @@ class Collected:
     """Views that are the same as an earlier one, with that one."""
     empty: list[str] = field(default_factory=list)
     """Shots without a board."""
-    patterns: dict[str, Pattern] = field(default_factory=dict)
+    patterns: dict[str, PrintedPattern] = field(default_factory=dict)
     """Of the ChArUco boards, by view."""
     shots: dict[str, str] = field(default_factory=dict)
     """The shot of each view."""
@@ -125,10 +125,10 @@ def _collect_coded(
 
 def _marker_view(
     camera: CameraModel, markers: Sequence[Marker], board: CharucoBoard, place: tuple[str, int, int, int]
-) -> tuple[BoardView, Pattern] | None:
+) -> tuple[BoardView, PrintedPattern] | None:
     """Return the corners of a board's markers, and which of its layouts fits them; None where too few are seen."""
     counts = Counter(marker.id for marker in markers)
-    best: tuple[float, BoardView, Pattern] | None = None
+    best: tuple[float, BoardView, PrintedPattern] | None = None
     for pattern in patterns(board):
         index = {int(number): i for i, number in enumerate(pattern.marker_ids)}
         once = [marker for marker in markers if marker.id in index and counts[marker.id] == 1]

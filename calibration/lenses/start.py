@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from calibration.bearing_dlt import pose_from_bearings
+from calibration.bearings import pose_from_bearings
 from calibration.lenses.adjustment import adjust
 from calibration.lenses.bundle import BoardView, Bundle, Rig
 from calibration.lenses.matching import match_lens

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibration.bearing_dlt import cross_matrices
+from calibration.bearings import cross_matrices
 from calibration.lenses.models import LensModel
 from palletloc.geometry import FloatArray
 

@@ -10,12 +10,12 @@ import pytest
 import yaml
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from calibration.board_detection import detect_markers
 from calibration.formats.camera_file import FiledCamera, optical
 from calibration.formats.convert import convert, read_cameras
 from calibration.formats.kalibr import kalibr_text
 from calibration.formats.ocam import OcamCamera
 from calibration.formats.own import camera_text
+from calibration.targets.board_detection import detect_markers
 from palletloc.__main__ import COMMANDS
 from palletloc.cameras import (
     CameraModel,

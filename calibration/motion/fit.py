@@ -9,7 +9,7 @@ import numpy as np
 
 from calibration.bearings import cross_matrices
 from calibration.degeneracy import LIMITS
-from calibration.least_squares import descend, redundancies, told_factor, within_gate
+from calibration.least_squares import descend, inverse_normal, redundancies, told_factor, within_gate
 from calibration.motion.problem import CAMERA_PRIOR, DELAY_PRIOR, MotionProblem, MotionState
 from calibration.mounting.fit import LEAST_BEARING_SCALE
 from calibration.mounting.problem import CAMERA
@@ -77,7 +77,7 @@ def fit_motion(problem: MotionProblem, start: MotionState) -> MotionFit:
     problem = _weighed(problem, state, jacobian)
     state = _descend(problem, state, "linear")
     jacobian = _jacobian(problem, state)
-    covariance = np.linalg.inv(jacobian.T @ jacobian)
+    covariance = inverse_normal(jacobian)
     kernel = problem.held
     camera = covariance[:CAMERA, :CAMERA]
     huge = LIMITS[:, None] * kernel * _OPEN
@@ -161,7 +161,7 @@ def _inliers(problem: MotionProblem, state: MotionState) -> MotionProblem:
 def _weighed(problem: MotionProblem, state: MotionState, jacobian: FloatArray) -> MotionProblem:
     """Return the problem with the factors on standard deviations that the residuals tell."""
     squares = problem.residuals(state) ** 2
-    left = redundancies(jacobian, np.linalg.inv(jacobian.T @ jacobian))
+    left = redundancies(jacobian, inverse_normal(jacobian))
     split = problem.image_rows
     drive = slice(split, split + 3 * (len(problem.times) - 1))
     bearing = float(np.sqrt(squares[:split].sum() / left[:split].sum()))

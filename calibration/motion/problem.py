@@ -12,7 +12,8 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from calibration.bearings import tangent_axes
 from calibration.degeneracy import LIMITS
 from calibration.drive import Drive, DriveNoise, relative
-from calibration.mounting.problem import CAMERA, CornerObservation
+from calibration.mounting.problem import CAMERA
+from calibration.targets.observations import CornerObservation
 from palletloc.geometry import FloatArray, wrap_angle
 from palletloc.trajectory import Trajectory
 

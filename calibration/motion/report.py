@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 
 import numpy as np
@@ -88,12 +88,12 @@ def _mounting(fit: MotionFit, away: FloatArray) -> Iterator[Section]:
         found = (f"{factor * away[i]:+.2f}{unit}", f"{factor * fit.sigma[i]:.2f}{unit}")
         rows.append((name, *(found if told[i] else ("not told", ""))))
     yield Heading("Mounting")
-    yield from _table("", ("", "found minus stated", "sigma"), rows)
+    yield from _table(("", "found minus stated", "sigma"), rows)
 
 
-def _table(first: str, terminal: tuple[str, ...], rows: list[tuple[str, ...]]) -> Iterator[Section]:
+def _table(terminal: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> Iterator[Section]:
     """Yield a table for the page, and the same for the terminal, where its first column stands at the right."""
-    yield Table((*words(first), *numbers(*terminal[1:])), tuple(rows))
+    yield Table((*words(""), *numbers(*terminal[1:])), tuple(rows))
     yield Table(numbers(*terminal), tuple(rows), Output.TERMINAL)
 
 
@@ -121,12 +121,12 @@ def _odometry(fit: MotionFit) -> Iterator[Section]:
     yield JsonValues({"sight_factor": problem.bearing_scale, "odometry_factor": problem.drive_scale})
     yield Heading("Odometry")
     scale, bias, delay = sigmas
-    rows: list[tuple[str, ...]] = [
+    rows = [
         ("wheel scale", f"{state.scale:.4f}", f"{scale:.4f}"),
         ("yaw rate's bias deg/s", f"{np.degrees(state.bias):+.3f}", f"{np.degrees(bias):.3f}"),
         ("time offset ms", f"{1000 * state.delay:+.0f}", f"{1000 * delay:.0f}"),
     ]
-    yield from _table("", ("odometry", "value", "sigma"), rows)
+    yield from _table(("odometry", "value", "sigma"), rows)
 
 
 def _figure(fit: MotionFit) -> Figure:

@@ -14,7 +14,8 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from calibration.bearings import pose_from_bearings, refine_pose
-from calibration.mounting.problem import CornerObservation, MountingProblem, Poses, SurveyedTarget
+from calibration.mounting.problem import MountingProblem, Poses, SurveyedTarget
+from calibration.targets.observations import CornerObservation
 from palletloc.geometry import FloatArray
 
 

@@ -14,8 +14,9 @@ from scipy.spatial.transform import RigidTransform
 
 from calibration.degeneracy import LIMITS, in_words
 from calibration.mounting.assessment import MAX_POSITION_SIGMA, MAX_ROTATION_SIGMA
-from calibration.mounting.problem import CAMERA, CornerObservation, MountingProblem, Poses, SurveyedTarget
+from calibration.mounting.problem import CAMERA, MountingProblem, Poses, SurveyedTarget
 from calibration.mounting.two_centres import LENS_AXIS
+from calibration.targets.observations import CornerObservation
 from calibration.targets.patches import pixel_density
 from calibration.targets.targets import PrintedPattern, on_board
 from palletloc.cameras.protocol import CameraModel

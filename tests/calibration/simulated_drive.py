@@ -10,7 +10,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from calibration.drive import DriveNoise, compose, relative
 from calibration.motion.problem import SCALE_PRIOR, Height, MotionProblem
-from calibration.mounting.problem import CornerObservation
+from calibration.targets.observations import CornerObservation
 from calibration.targets.targets import PrintedPattern, on_board
 from palletloc.geometry import FloatArray
 from palletloc.trajectory import Trajectory

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from calibration.mounting.problem import CornerObservation, MountingProblem, Poses, SurveyedTarget
+from calibration.mounting.problem import MountingProblem, Poses, SurveyedTarget
+from calibration.targets.observations import CornerObservation
 from calibration.targets.targets import PrintedPattern, facing, on_board
 from palletloc.geometry import FloatArray
 

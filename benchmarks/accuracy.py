@@ -10,17 +10,17 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
+from benchmarks.run_parts import FAR_BELOW, between, match_recording
 from benchmarks.tables import Column, Section, Value
-from palletloc.config import Method
-from palletloc.evaluation.errors import ShotErrors, recording_errors
-from palletloc.evaluation.spread import Spread
-from palletloc.evaluation.summary import FAR_BELOW, summarize
+from palletloc.choices import Method
+from palletloc.evaluation.breakdown import spreads
+from palletloc.evaluation.run_match import ShotMatch, detection
+from palletloc.evaluation.statistics import Spread
 from palletloc.io.atomic import write_bytes
 from palletloc.io.recording import Recording
 from palletloc.io.truth import Truth, read_truth
 from palletloc.measurement import PalletMeasurement
-from palletloc.offline import Job, read_job
-from palletloc.pallet_library import load_library
+from palletloc.recording_run import Job, read_job
 
 PARTS = {
     f"{FAR_BELOW} m or more below": (FAR_BELOW, math.inf),
@@ -72,11 +72,13 @@ def measure_accuracy(folders: Sequence[Path], console: Console, figures: Path | 
 def _section(folder: Path, truth: Truth, console: Console, figures: Path | None) -> Section:
     jobs = {method: read_job(folder, method) for method in ORDER}
     runs = {method: _measured(job, f"{folder.name}, {method}", console) for method, job in jobs.items()}
+    recording = jobs[Method.PAPER].recording
+    height = float(recording.forklift_from_camera.translation[2])
+    shots = {method: match_recording(recording, truth, measured).shots for method, measured in runs.items()}
     if figures is not None:
-        _draw(jobs[Method.PAPER].recording, truth, runs, figures)
-    shots = {method: _shot_errors(jobs[method], measured, truth) for method, measured in runs.items()}
+        _draw(recording, truth, runs, figures)
     rows = [
-        _row(part, method, [shot.between(*heights) for shot in shots[method]])
+        _row(part, method, [between(shot, *heights, height) for shot in shots[method]])
         for part, heights in PARTS.items()
         for method in ORDER
     ]
@@ -88,46 +90,34 @@ def _measured(job: Job, label: str, console: Console) -> list[PalletMeasurement]
     measured: list[PalletMeasurement] = []
     quiet = not console.is_terminal
     for number in track(range(len(job.shots)), label, console=console, transient=True, disable=quiet):
-        measured += job.explain(number)[1].measurements
+        measured += job.explain(number).measurements
     return measured
 
 
 def _draw(
     recording: Recording, truth: Truth, runs: Mapping[Method, Sequence[PalletMeasurement]], figures: Path
 ) -> None:
-    from palletloc.drawing.canvas import small_png  # drawing is slow to import
-    from palletloc.report.method_figure import method_figure
+    from benchmarks.method_figure import method_figure  # drawing is slow to import
+    from palletloc.drawing.canvas import small_png
 
     figure = method_figure(recording, truth, {str(method): measured for method, measured in runs.items()})
     write_bytes(figures / f"methods_{recording.folder.name}.png", small_png(figure))
 
 
-def _shot_errors(job: Job, measured: Sequence[PalletMeasurement], truth: Truth) -> list[ShotErrors]:
-    recording = job.recording
-    models = load_library() | {model.name: model for model in recording.models}
-    return recording_errors(
-        [shot.time for shot in job.shots],
-        measured,
-        truth.pallets,
-        {name: model.width for name, model in models.items()},
-        truth.forklift,
-        recording.forklift_from_camera,
-    )
-
-
-def _row(part: str, method: Method, shots: Sequence[ShotErrors]) -> tuple[Value, ...]:
-    summary = summarize(shots)
+def _row(part: str, method: Method, shots: Sequence[ShotMatch]) -> tuple[Value, ...]:
+    errors = [error for shot in shots for error in shot.errors]
+    found, sizes = detection(shots), spreads(errors)
     return (
         part,
         str(method),
-        summary.visible,
-        summary.recall,
-        summary.false_per_shot,
-        _triple(summary.yaw, float(np.degrees(1))),
-        _triple(summary.depth, 1e3),
-        _triple(summary.along, 1e3),
-        _triple(summary.height, 1e3),
-        summary.nees,
+        found.found.trials,
+        found.recall,
+        found.false_per_shot,
+        _triple(sizes.yaw, float(np.degrees(1))),
+        _triple(sizes.depth, 1e3),
+        _triple(sizes.along, 1e3),
+        _triple(sizes.height, 1e3),
+        float(np.mean([error.nees for error in errors])) if errors else math.nan,
     )
 
 

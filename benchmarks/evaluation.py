@@ -12,9 +12,8 @@ from time import perf_counter
 import numpy as np
 
 from benchmarks.tables import Column, Section, Value
-from palletloc.evaluation.batch import BatchJob
-from palletloc.evaluation.cluster import evaluate_in_parallel
-from palletloc.evaluation.evaluated_run import Settings
+from palletloc.evaluation.batch import BatchJob, evaluate_in_parallel
+from palletloc.evaluation.run import Settings
 from palletloc.geometry import LevelPose, level_pose
 from palletloc.io.csv_table import write_rows
 from palletloc.io.measurements import format_time, write_measurements

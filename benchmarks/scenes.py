@@ -9,15 +9,13 @@ from typing import TypeVar
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from palletloc.config import PriorConfig
+from palletloc.choices import CameraKind, Illumination, Side
 from palletloc.pallet import PalletModel
 from palletloc.pallet_library import load_library
+from palletloc.prior import PriorConfig
 from palletloc.synthetic.aisle import AisleSpec
 from palletloc.synthetic.approach import OdometryNoise
-from palletloc.synthetic.illumination import Illumination
 from palletloc.synthetic.loads import Load
-from palletloc.synthetic.placing import Side
-from palletloc.synthetic.rig import CameraKind
 from palletloc.synthetic.sensor import Sensor
 from palletloc.synthetic.simulation import SimulationSpec
 

@@ -14,12 +14,11 @@ so.
 import matplotlib.pyplot as plt
 import numpy as np
 
+from palletloc import Localizer, Mounting, Shot, load_library
 from palletloc.drawing.canvas import rgb
-from palletloc.evaluation.errors import shot_errors, true_faces
+from palletloc.evaluation.pose_error import from_measurements, true_faces
+from palletloc.evaluation.run_match import match_shot
 from palletloc.io.truth import TruePallet
-from palletloc.localizer import Localizer
-from palletloc.mounting import Mounting
-from palletloc.pallet_library import load_library
 from palletloc.synthetic.aisle import AisleSpec
 from palletloc.synthetic.simulation import SimulationSpec, simulate
 
@@ -35,25 +34,24 @@ axes.set(title=f"{image.shape[1]} x {image.shape[0]}, rendered", xlabel="u / px"
 # %%
 # Localized like any other shot:
 
-localizer = Localizer(simulation.camera, Mounting(simulation.recorded_mounting), [pallet])
-shelf = simulation.shelf.seen_from(simulation.odometry.pose_at(time))
-found = localizer.localize(image, time, shelf)
+shot = Shot(image, simulation.camera, Mounting(simulation.recorded_mounting), time)
+found = Localizer([pallet]).localize(shot, simulation.shelf.seen_from(simulation.odometry.pose_at(time)))
 
 # %%
 # The true pallets as the forklift sees them, those that count as visible, and the errors of the measurements
 # that belong to them: depth into the pallet, along its front, up, and yaw.
 
 mounting = simulation.forklift_from_camera
-placed = [TruePallet(one.name, one.model.name, one.world_from_pallet) for one in simulation.aisle.pallets]
+placed = [TruePallet(drawn.name, drawn.model.name, drawn.world_from_pallet) for drawn in simulation.aisle.pallets]
 faces = true_faces(placed, {pallet.name: pallet.width}, simulation.truth.pose_at(time), mounting)
-shot = shot_errors(time, found, faces, float(mounting.translation[2]))
-for error in shot.errors:
+compared = match_shot(time, from_measurements(found), faces)
+for error in compared.errors:
     print(
         f"{error.face.id:>3}, {error.face.range:.1f} m away, {error.face.below:.1f} m below the camera: "
         f"depth {1e3 * error.depth:+.0f}, along {1e3 * error.along:+.0f}, up {1e3 * error.height:+.0f} mm, "
         f"yaw {np.degrees(error.yaw):+.2f} deg, squared in sigmas {error.nees:.1f}"
     )
-print(f"missed: {[face.id for face in shot.missed]}, false: {len(shot.false)}")
+print(f"missed: {[face.id for face in compared.missed]}, false: {len(compared.false)}")
 
 # %%
 # In numbers of their own sigmas, four errors squared add up to 4 on average if the covariance tells the truth.
@@ -65,11 +63,11 @@ for face in faces:
         ends = face.forklift_from_pallet.transform().apply([[0, -pallet.width / 2, 0], [0, pallet.width / 2, 0]])
         axes.plot(ends[:, 0], ends[:, 1], color="0.6", linewidth=5, solid_capstyle="butt")
 circle = np.stack([np.cos(np.linspace(0, 2 * np.pi, 60)), np.sin(np.linspace(0, 2 * np.pi, 60))])
-for one in found:
-    pose = one.forklift_from_pallet
+for measured in found:
+    pose = measured.forklift_from_pallet
     ends = pose.transform().apply([[0, -pallet.width / 2, 0], [0, pallet.width / 2, 0]])
     axes.plot(ends[:, 0], ends[:, 1], color="tab:red", linewidth=1)
-    ellipse = 10 * np.linalg.cholesky(one.covariance[:2, :2]) @ circle
+    ellipse = 10 * np.linalg.cholesky(measured.covariance[:2, :2]) @ circle
     axes.plot(pose.x + ellipse[0], pose.y + ellipse[1], color="tab:red", linewidth=1)
 axes.plot(*mounting.translation[:2], "k^")
 axes.set(

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palletloc.evaluation.errors import PAIRING_DISTANCE
+from palletloc.evaluation.run_match import PAIRING_DISTANCE
 from palletloc.geometry import FloatArray, LevelPose, level_pose, wrap_angle
 from palletloc.io.tracks import TrackRow
 from palletloc.io.truth import TruePallet, Truth

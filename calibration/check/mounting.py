@@ -9,8 +9,8 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from calibration.check.floor_lines import floor_sights, floor_tilt
-from calibration.check.pallet_heights import HeightWitness, height_witness, see_heights
-from calibration.check.sources import (
+from calibration.check.pallet_heights import HeightEstimate, height_estimate, see_heights
+from calibration.check.tilt_sources import (
     FLOOR,
     LEVELS,
     PALLETS,
@@ -20,21 +20,28 @@ from calibration.check.sources import (
     NamedTilt,
     fused_tilt,
 )
-from calibration.shelf.bundle import solve
 from calibration.shelf.gravity_lines import Tilt, level_direction, level_tilt, vertical_tilt
 from calibration.shelf.line_segments import Segments, find_segments
+from calibration.shelf.problem import solve
 from calibration.shelf.shots import usable_shots
 from calibration.shelf.survey import ShelfSurvey, survey_shelf
 from palletloc.geometry import FloatArray
 from palletloc.io.recording import Recording
 
 _MOST_SHOTS = 8
+"""Shots whose edges are looked for: more take time and show the same edges."""
 _AROUND = np.radians([0.0, 60.0, 120.0, 180.0, 240.0, 300.0])
+"""Where patches look for upright edges, in radians: 60 degrees each, all around."""
 _DOWN = -0.1
+"""Height of their direction: uprights reach farther below the camera than above."""
 _FLOOR_AROUND = np.radians([0.0, 90.0, 180.0, 270.0])
+"""Where patches look for lines on the floor, in radians: 45 degrees down, four are enough."""
 _FLOOR_DOWN = -1.0
+"""Height of their direction."""
 _YAW_PRIOR = float(np.radians(3.0))
+"""How far the yaw may be off, one standard deviation, in radians: what a bent bracket does."""
 _YAW_AXIS = 2
+"""Its place among the unknowns."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,7 +96,7 @@ class MountingCheck:
         return _turned(self.recording.forklift_from_camera, turn)
 
 
-def check_mounting(recording: Recording, on_progress: Callable[[str], None] = lambda _: None) -> MountingCheck:
+def measure_turn(recording: Recording, on_progress: Callable[[str], None] = lambda _: None) -> MountingCheck:
     """Look for a turn of the camera.
 
     Parameters
@@ -118,17 +125,17 @@ def check_mounting(recording: Recording, on_progress: Callable[[str], None] = la
     )
     on_progress("comparing the heights of pallets")
     heights = see_heights(survey)
-    witness = None if heights is None else height_witness(heights, float(corrected.translation[2]))
+    estimate = None if heights is None else height_estimate(heights, float(corrected.translation[2]))
     on_progress("looking for lines on the floor")
     rest = {
         LEVELS: _level(segments, spread, survey, start),
         FLOOR: _floor(survey, [int(i) for i in spread]),
-        PALLETS: None if witness is None else witness.tilt,
+        PALLETS: None if estimate is None else estimate.tilt,
     }
     # These were measured after the upright edges had been made plumb: against the stated mounting that comes on top.
     tilts = [] if plumb is None else [NamedTilt(VERTICALS, plumb)]
     tilts += [NamedTilt(name, _on_top(tilt, start)) for name, tilt in rest.items() if tilt is not None]
-    told = {one.method for one in tilts}
+    told = {source.method for source in tilts}
     absent = tuple(Absent(name, why) for name, why in _WHY.items() if name not in told)
     yaw, yaws = _yaws(survey)
     if not tilts:
@@ -136,7 +143,7 @@ def check_mounting(recording: Recording, on_progress: Callable[[str], None] = la
     fused = fused_tilt(tilts)
     return MountingCheck(
         recording, tuple(segments), tuple(tilts), -fused.turn, fused.covariance, fused.chance, yaw, survey, absent,
-        fused.worst, yaws, _height(witness, fused.turn - start, fused.covariance),
+        fused.worst, yaws, _height(estimate, fused.turn - start, fused.covariance),
     )  # fmt: skip
 
 
@@ -146,10 +153,11 @@ _WHY = {
     FLOOR: "no line on the floor, along the shelf or square to it, is seen in three shots",
     PALLETS: "fewer than six sights of pallets",
 }
+"""Why a source says nothing."""
 
 
-def _height(witness: HeightWitness | None, turn: FloatArray, covariance: FloatArray) -> tuple[float, float] | None:
-    return None if witness is None else witness.height_given(turn, covariance)
+def _height(estimate: HeightEstimate | None, turn: FloatArray, covariance: FloatArray) -> tuple[float, float] | None:
+    return None if estimate is None else estimate.height_given(turn, covariance)
 
 
 def _on_top(tilt: Tilt, turn: FloatArray) -> Tilt:
@@ -176,7 +184,7 @@ def _floor(survey: ShelfSurvey, spread: Sequence[int]) -> Tilt | None:
     for i in spread:
         image = recording.image(recording.shots[survey.shots[i]], gray=True)
         found.append(find_segments(recording.camera, recording.mounting, image, ahead))
-    poses = survey.bundle.poses[list(spread)]
+    poses = survey.solution.poses[list(spread)]
     return floor_tilt(floor_sights(found, poses, recording.mounting.center, survey.plane))
 
 
@@ -193,9 +201,9 @@ def _level(segments: Sequence[Segments], spread: FloatArray, survey: ShelfSurvey
         return None
     upright = Rotation.from_rotvec([-turn[0], -turn[1], 0.0])
     found = []
-    for one, number in zip(segments, spread, strict=True):
-        heading = float(plane.yaw - np.pi / 2 - survey.bundle.poses[int(number), 2])
-        leveled = replace(one, normals=upright.apply(one.normals), middles=upright.apply(one.middles))
+    for edges, number in zip(segments, spread, strict=True):
+        heading = float(plane.yaw - np.pi / 2 - survey.solution.poses[int(number), 2])
+        leveled = replace(edges, normals=upright.apply(edges.normals), middles=upright.apply(edges.middles))
         direction = level_direction(leveled, heading)
         if direction is not None:
             found.append((direction, heading))
@@ -211,9 +219,9 @@ def _yaws(survey: ShelfSurvey) -> tuple[tuple[float, float] | None, tuple[NamedY
     seen = seen_yaw(survey)
     yaws = []
     for name, observed in kinds.items():
-        one = seen_yaw(replace(survey, observed=observed)) if observed.pallets or observed.edges else None
-        if one is not None:
-            yaws.append(NamedYaw(name, -one[0], one[1]))
+        turned = seen_yaw(replace(survey, observed=observed)) if observed.pallets or observed.edges else None
+        if turned is not None:
+            yaws.append(NamedYaw(name, -turned[0], turned[1]))
     return (None if seen is None else (-seen[0], seen[1])), tuple(yaws)
 
 
@@ -234,7 +242,7 @@ def seen_yaw(survey: ShelfSurvey) -> tuple[float, float] | None:
     """
     if not survey.observed.pallets and not survey.observed.edges:
         return None
-    places = survey.bundle.edges if survey.observed.edges else None
-    bundle = solve(survey.observed, places, _YAW_PRIOR)
-    sigma = _YAW_PRIOR * float(np.sqrt(bundle.covariance[_YAW_AXIS, _YAW_AXIS]))
-    return bundle.yaw, sigma
+    places = survey.solution.edges if survey.observed.edges else None
+    solution = solve(survey.observed, places, _YAW_PRIOR)
+    sigma = _YAW_PRIOR * float(np.sqrt(solution.covariance[_YAW_AXIS, _YAW_AXIS]))
+    return solution.yaw, sigma

@@ -1,7 +1,7 @@
 """What the heights at which pallets appear over the way say of the camera's turn and height.
 
 A camera that is nose-down sees what is before it too high and what is behind it too low. A pallet does not move while
-the forklift passes it, so that it is a witness even where its own height is not known.
+the forklift passes it, so that it tells even where its own height is not known.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.check.robust_fit import robust_fit
+from calibration.check.tilt_sources import fit_with_prior
 from calibration.drive import relative
 from calibration.shelf.gravity_lines import Tilt
 from calibration.shelf.survey import ShelfSurvey
@@ -19,12 +19,19 @@ from palletloc.geometry import FloatArray, LevelPose
 from palletloc.localizer import Localizer, Start
 
 _MOST_SHOTS = 12
+"""Shots that are measured once more: more take time."""
 _LEAST_SIGHTS = 6
+"""Sights at least: there are five unknowns for one pallet."""
 _ON_LEVEL = 0.08
+"""A pallet nearer to a level stands on it, in metres."""
 _LEVEL, _FREE = 0.006, 0.3
+"""How well the height of a pallet on a level is known, and of another one, in metres."""
 _HEIGHT = 0.02
+"""How well the height of the camera is known before, in metres."""
 _RANGE = 0.006
+"""How well the distance of a pallet is known, in metres."""
 _ELEVATION = float(np.radians(0.04))
+"""Standard deviation of an elevation at least, in radians: what camera model and floor add."""
 _FAINT = 1e-6
 """Information that keeps unknowns of which nothing is told where they are, in per square unit."""
 
@@ -50,7 +57,7 @@ class HeightSights:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class HeightWitness:
+class HeightEstimate:
     """What pallets say of roll, pitch and height together."""
 
     tilt: Tilt
@@ -91,29 +98,36 @@ def see_heights(survey: ShelfSurvey) -> HeightSights | None:
     HeightSights or None
         None where too few are seen.
     """
-    recording, bundle = survey.recording, survey.bundle
-    if not len(bundle.pallets):
+    recording, solution = survey.recording, survey.solution
+    if not len(solution.pallets):
         return None
-    seen = np.array([one.pose.z for one in survey.observed.pallets])
+    seen = np.array([sight.pose.z for sight in survey.observed.pallets])
     owner = survey.observed.pallet_of
-    heights = np.array([float(np.median(seen[owner == i])) for i in range(len(bundle.pallets))])
+    heights = np.array([float(np.median(seen[owner == i])) for i in range(len(solution.pallets))])
     config = replace(LocalizerConfig(), prior=replace(LocalizerConfig().prior, free_sigma=_FREE))
-    localizer = Localizer(recording.camera, recording.mounting, recording.models, config=config)
-    shots = np.unique([one.shot for one in survey.observed.pallets])
+    localizer = Localizer(recording.models, config=config)
+    shots = np.unique([sight.shot for sight in survey.observed.pallets])
     rows: list[tuple[float, ...]] = []
     for number in shots[np.unique(np.linspace(0, len(shots) - 1, _MOST_SHOTS).round().astype(int))]:
-        mine = [i for one, i in zip(survey.observed.pallets, owner, strict=True) if one.shot == number]
+        mine = [i for sight, i in zip(survey.observed.pallets, owner, strict=True) if sight.shot == number]
         mine = list(dict.fromkeys(int(i) for i in mine))
-        there = relative(bundle.poses[number], bundle.pallets[mine])
+        there = relative(solution.poses[number], solution.pallets[mine])
         starts = [
             Start(survey.models[i].name, LevelPose(float(x), float(y), float(heights[i]), float(yaw)))
             for i, (x, y, yaw) in zip(mine, there, strict=True)
         ]
         shot = recording.shots[survey.shots[int(number)]]
-        found = localizer.localize_from(recording.image(shot), shot.time, starts, (), shot.file)
-        for i, place, one in zip(mine, there, found, strict=True):
-            if one is not None and one.model == survey.models[i].name:
-                rows.append((i, *_sight(one.forklift_from_pallet, one.covariance, recording.mounting.center, place)))
+        found = localizer.localize_from(recording.shot(shot), starts)
+        for i, place, measurement in zip(mine, there, found, strict=True):
+            if measurement is not None and measurement.model == survey.models[i].name:
+                rows.append(
+                    (
+                        i,
+                        *_sight(
+                            measurement.forklift_from_pallet, measurement.covariance, recording.mounting.center, place
+                        ),
+                    )
+                )
     if len(rows) < _LEAST_SIGHTS:
         return None
     levels = np.array(recording.shelf.levels or (np.inf,))
@@ -139,7 +153,7 @@ def _sight(
     return float(np.arctan2(y, x)), distance, float(np.arctan2(z, across)), float(np.hypot(sigma, _ELEVATION))
 
 
-def height_witness(sights: HeightSights, camera_height: float) -> HeightWitness | None:
+def height_estimate(sights: HeightSights, camera_height: float) -> HeightEstimate | None:
     """Return the tilt and the height of the camera that explain at which elevations pallets are seen.
 
     Parameters
@@ -151,7 +165,7 @@ def height_witness(sights: HeightSights, camera_height: float) -> HeightWitness 
 
     Returns
     -------
-    HeightWitness or None
+    HeightEstimate or None
         None where there are too few sights.
 
     Notes
@@ -173,8 +187,8 @@ def height_witness(sights: HeightSights, camera_height: float) -> HeightWitness 
     design[rows, 3 + pallets + index] = -deep / square
     away = sights.elevation - np.arctan2(deep, sights.distance)
     priors = np.concatenate([[0.0, 0.0, _HEIGHT**-2], sights.height_sigmas**-2, np.full(pallets, _RANGE**-2)])
-    solution, told = robust_fit(design, away, sights.sigma, np.diag(priors + _FAINT))
+    solution, told = fit_with_prior(design, away, sights.sigma, np.diag(priors + _FAINT))
     covariance = np.asarray(np.linalg.inv(told))
     information = np.linalg.inv(covariance[:2, :2])
     tilt = Tilt(solution[:2], np.asarray(information), len(index))
-    return HeightWitness(tilt, float(solution[2]), covariance[:3, :3], len(np.unique(index)))
+    return HeightEstimate(tilt, float(solution[2]), covariance[:3, :3], len(np.unique(index)))

@@ -22,8 +22,11 @@ _KINDS = {
     "ucm": ("alpha",),
     "pinhole-radtan8": ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
 }
+"""Names of the format's models, with the keys of their shapes."""
 _LENS = ("fx", "fy", "cx", "cy")
+"""Keys that all models have."""
 _PLACE, _TURN = ("px", "py", "pz"), ("qx", "qy", "qz", "qw")
+"""Keys of a pose: position, and quaternion with the scalar last."""
 
 
 def read_basalt(fields: Fields) -> list[FiledCamera]:
@@ -89,9 +92,9 @@ def basalt_text(cameras: Sequence[FiledCamera]) -> str:
         If the format does not know a camera's model.
     """
     content = {
-        "T_imu_cam": [_pose(one.first_from_camera) for one in cameras],
-        "intrinsics": [_entry(one.camera) for one in cameras],
-        "resolution": [[one.camera.width, one.camera.height] for one in cameras],
+        "T_imu_cam": [_pose(filed.first_from_camera) for filed in cameras],
+        "intrinsics": [_entry(filed.camera) for filed in cameras],
+        "resolution": [[filed.camera.width, filed.camera.height] for filed in cameras],
         "calib_accel_bias": [0.0] * 9,
         "calib_gyro_bias": [0.0] * 12,
         "imu_update_rate": 200.0,

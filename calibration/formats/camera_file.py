@@ -1,20 +1,30 @@
-"""What a camera file holds: one camera or several, with their places against the first."""
+"""What a camera file holds: one camera or several, with their places against the first; and our own form of it.
+
+Ours is the key ``camera`` of recording.yaml, rig.yaml and the files that a calibration of lenses writes.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from calibration.formats.fields import Fields, FormatError
+from calibration.formats.fields import Fields, FormatError, read_yaml
 from calibration.lenses.models import OPTICAL_FROM_CAMERA
 from palletloc.cameras import CameraModel, DualFisheye, FisheyeLens, KannalaBrandt
 from palletloc.geometry import FloatArray
+from palletloc.io.camera_spec import camera_from_spec, spec_from_camera
+from palletloc.io.schema import CameraSpec
+from palletloc.io.yaml_document import Document, DocumentError, checked_document, format_document
 
 _RIGID = 1e-3
+"""How far a matrix may be from a rigid transform: files have four digits or more."""
 _OPTICAL = RigidTransform.from_rotation(Rotation.from_matrix(OPTICAL_FROM_CAMERA))
+"""Turns the camera frame into the optical one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,11 +127,55 @@ def side_by_side(first: FiledCamera, second: FiledCamera) -> DualFisheye | None:
     width = left.width + right.width
     lenses = [
         KannalaBrandt(
-            width, one.height, one.fx, one.fy, one.cx + offset, one.cy, one.k1, one.k2, one.k3, one.k4, one.max_angle
+            width,
+            lens.height,
+            lens.fx,
+            lens.fy,
+            lens.cx + offset,
+            lens.cy,
+            lens.k1,
+            lens.k2,
+            lens.k3,
+            lens.k4,
+            lens.max_angle,
         )
-        for one, offset in ((left, 0), (right, left.width))
+        for lens, offset in ((left, 0), (right, left.width))
     ]
     middle = RigidTransform.from_translation(second.first_from_camera.translation / 2)
     return DualFisheye(
         FisheyeLens(lenses[0], middle.inv()), FisheyeLens(lenses[1], middle.inv() * second.first_from_camera)
     )
+
+
+class _CameraSheet(Document):
+    """The file that a calibration of lenses writes."""
+
+    format: Literal[1]
+    camera: CameraSpec
+
+
+class _CameraOnly(Document):
+    """The camera in any file of ours."""
+
+    camera: CameraSpec
+
+
+def read_own(path: Path) -> CameraModel:
+    """Return the camera of a file of ours, whatever else the file holds.
+
+    Raises
+    ------
+    InputError
+        If its key ``camera`` does not describe one.
+    """
+    content = read_yaml(path).value
+    spec = checked_document(path, {"camera": content["camera"]}, _CameraOnly).camera
+    try:
+        return camera_from_spec(spec)
+    except ValueError as error:
+        raise DocumentError(f"{path}: camera: {error}") from None
+
+
+def camera_text(camera: CameraModel) -> str:
+    """Return a camera in our own form."""
+    return format_document(_CameraSheet(format=1, camera=spec_from_camera(camera)))

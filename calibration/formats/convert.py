@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from calibration.formats import adapter, basalt, kalibr, ocam, opencv, ros
-from calibration.formats.camera_file import FiledCamera, alone, as_cameras, side_by_side
+from calibration.formats.camera_file import FiledCamera, alone, as_cameras, camera_text, read_own, side_by_side
 from calibration.formats.fields import FormatError, read_json, read_yaml
-from calibration.formats.own import camera_text, read_own
-from calibration.lenses.conversion import ConversionError, Difference, convert_lens, difference
+from calibration.lenses.conversion import ConversionError, LensDifference, convert_lens, difference
 from calibration.lenses.models import MODELS, lens_model, model_of
 from palletloc.cameras import CameraModel, DualFisheye, Equirectangular, KannalaBrandt
 from palletloc.errors import PalletLocError, nearest_name
@@ -21,7 +20,9 @@ from palletloc.io.atomic import write_text
 from palletloc.io.reading import read_text, require_file
 
 _DUAL = "dual_fisheye"
+"""Name of the model of two fisheyes side by side."""
 _YAML = (".yaml", ".yml")
+"""Endings of yaml files."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +35,7 @@ class Conversion:
     """Model of the first one."""
     target: str
     """Its model in the file that was written."""
-    differences: tuple[Difference, ...]
+    differences: tuple[LensDifference, ...]
     """Of each camera: the written file against the one that was read."""
 
 
@@ -64,10 +65,6 @@ def _ocam_text(cameras: Sequence[FiledCamera], _: Path) -> str:
 
 def _own_text(cameras: Sequence[FiledCamera], _: Path) -> str:
     return camera_text(_single(cameras).camera)
-
-
-def _ros_text(cameras: Sequence[FiledCamera], _: Path) -> str:
-    return ros.camera_info_text(_single(cameras).camera, cameras[0].name)
 
 
 def _opencv_text(cameras: Sequence[FiledCamera], out: Path) -> str:
@@ -122,7 +119,9 @@ def read_cameras(path: Path) -> list[FiledCamera]:
     )
 
 
-def convert(source: Path, target: str, out: Path, number: int | None = None, max_angle: float = np.pi) -> Conversion:
+def convert_camera(
+    source: Path, target: str, out: Path, number: int | None = None, max_angle: float = np.pi
+) -> Conversion:
     """Convert a camera file, and compare what was written with what was read.
 
     Parameters
@@ -151,19 +150,19 @@ def convert(source: Path, target: str, out: Path, number: int | None = None, max
         cameras = [alone(cameras[number].name, cameras[number].camera)]
     if model == _DUAL:
         return _pair(source, cameras, out)
-    converted = [_converted(one, form, model, max_angle) for one in cameras]
+    converted = [_converted(filed, form, model, max_angle) for filed in cameras]
     text = _text(form, converted, out)
     with tempfile.TemporaryDirectory() as folder:
         beside = Path(folder) / out.name
         write_text(beside, text)
         again = read_cameras(beside)
     left = tuple(
-        difference(one.camera, other.camera, min(max_angle, _reach(to.camera)))
-        for one, to, other in zip(cameras, converted, again, strict=True)
-        if not isinstance(one.camera, DualFisheye | Equirectangular)
+        difference(filed.camera, written.camera, min(max_angle, _reach(to.camera)))
+        for filed, to, written in zip(cameras, converted, again, strict=True)
+        if not isinstance(filed.camera, DualFisheye | Equirectangular)
     )
     write_text(out, text)
-    names = tuple(one.name for one in cameras)
+    names = tuple(filed.name for filed in cameras)
     return Conversion(names, _name(cameras[0].camera), _name(again[0].camera), left)
 
 
@@ -186,20 +185,20 @@ def _pair(source: Path, cameras: Sequence[FiledCamera], out: Path) -> Conversion
     if dual is None:
         raise PalletLocError(f"{source}: expected two kannala_brandt cameras with images of one height")
     write_text(out, camera_text(dual))
-    return Conversion(tuple(one.name for one in cameras), _name(cameras[0].camera), _DUAL, ())
+    return Conversion(tuple(filed.name for filed in cameras), _name(cameras[0].camera), _DUAL, ())
 
 
-def _converted(one: FiledCamera, form: str, model: str | None, max_angle: float) -> FiledCamera:
+def _converted(filed: FiledCamera, form: str, model: str | None, max_angle: float) -> FiledCamera:
     """Return a camera in the model that is asked for, or in one that the format can hold."""
-    own = model_of(one.camera)
+    own = model_of(filed.camera)
     if model is None:
-        keeps = form == "palletloc" and isinstance(one.camera, Equirectangular)
-        if keeps or (form == "ocam" and isinstance(one.camera, ocam.OcamCamera)):
-            return one
+        keeps = form == "palletloc" and isinstance(filed.camera, Equirectangular)
+        if keeps or (form == "ocam" and isinstance(filed.camera, ocam.OcamCamera)):
+            return filed
         model = own.name if own is not None and own.name in FORMATS[form].models else FORMATS[form].models[0]
-    if isinstance(one.camera, Equirectangular):
+    if isinstance(filed.camera, Equirectangular):
         raise ConversionError(f"a stitched panorama has no form in {form}/{model}")
-    return FiledCamera(one.name, convert_lens(one.camera, lens_model(model), max_angle), one.first_from_camera)
+    return FiledCamera(filed.name, convert_lens(filed.camera, lens_model(model), max_angle), filed.first_from_camera)
 
 
 def _text(form: str, cameras: Sequence[FiledCamera], out: Path) -> str:

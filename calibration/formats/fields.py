@@ -1,4 +1,4 @@
-"""Trees of mappings, lists and numbers as other programs write them, read with file and key in every error."""
+"""Mappings, lists and numbers as other programs write them, read with file and key in every error."""
 
 from __future__ import annotations
 
@@ -9,9 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import yaml
 
 from palletloc.errors import nearest_name
+from palletloc.geometry import FloatArray
 from palletloc.io.csv_table import shortened
 from palletloc.io.images import MAX_SIDE_PX
 from palletloc.io.reading import InputError, read_text
@@ -66,7 +69,7 @@ class Fields:
         """
         if not isinstance(self.value, list):
             raise self.fault("a list")
-        return [Fields(self.path, f"{self.place}[{i}]", one) for i, one in enumerate(self.value)]
+        return [Fields(self.path, f"{self.place}[{i}]", value) for i, value in enumerate(self.value)]
 
     def number(self) -> float:
         """Return a finite number.
@@ -94,7 +97,7 @@ class Fields:
         """
         if not isinstance(self.value, list) or len(self.value) not in counts:
             raise self.fault(f"{' or '.join(str(count) for count in counts)} numbers")
-        return tuple(one.number() for one in self.items())
+        return tuple(item.number() for item in self.items())
 
     def size(self) -> tuple[int, int]:
         """Return width and height in pixels from a list of two.
@@ -170,3 +173,71 @@ def read_json(path: Path) -> Fields:
         raise FormatError(f"{path}, line {error.lineno}: is not JSON: {error.msg}") from None
     except RecursionError:
         raise FormatError(f"{path}: is not JSON: too deeply nested") from None
+
+
+class StorageFile:
+    """A file of OpenCV's FileStorage that is open for reading; its nodes live as long as it does.
+
+    Parameters
+    ----------
+    path : Path
+        XML, YAML or JSON as OpenCV writes it.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        text = read_text(path)
+        try:
+            self._storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
+        except (cv2.error, SystemError) as error:
+            raise InputError(f"{path}: is not a file of OpenCV: {_reason(error)}") from None
+        if not self._storage.isOpened():
+            raise InputError(f"{path}: is not a file of OpenCV; expected XML, YAML or JSON as FileStorage writes it")
+
+    def node(self, key: str) -> cv2.FileNode:
+        """Return the node of a key.
+
+        Raises
+        ------
+        InputError
+            If it is missing.
+        """
+        node = self._storage.getNode(key)
+        if node.empty():
+            raise InputError(f"{self._path}: {key}: is missing")
+        return node
+
+    def numbers(self, key: str) -> FloatArray | None:
+        """Return the numbers of a key, be it a number, a list or a matrix, (n,); None where it is missing.
+
+        Raises
+        ------
+        InputError
+            If it holds anything else.
+        """
+        node = self._storage.getNode(key)
+        if node.empty():
+            return None
+        try:
+            if node.isInt() or node.isReal():
+                values = np.array([node.real()])
+            elif node.isSeq():
+                values = np.array([node.at(i).real() for i in range(node.size())])
+            else:
+                values = np.asarray(node.mat(), dtype=np.float64).ravel()
+        except (cv2.error, SystemError, TypeError, ValueError):
+            values = np.array([np.nan])
+        if not values.size or not np.isfinite(values).all():
+            raise InputError(f"{self._path}: {key}: expected finite numbers")
+        return values
+
+
+def _reason(error: Exception) -> str:
+    """Return the words of an error of OpenCV, on one line."""
+    words = " ".join(str(error).split())
+    return words.split("error: ", 1)[-1][:120]

@@ -15,13 +15,16 @@ from palletloc.cameras import CameraModel, DoubleSphere, Eucm, KannalaBrandt, Me
 MODELS = ("kannala_brandt", "mei", "double_sphere", "eucm", "pinhole")
 """What the format can hold."""
 _CAMERAS = ("pinhole", "omni", "eucm", "ds")
+"""Names of the format's models."""
 _DISTORTIONS = {
     "pinhole": ("radtan", "equidistant", "none"),
     "omni": ("radtan", "none"),
     "eucm": ("none",),
     "ds": ("none",),
 }
+"""Names of each model's distortions."""
 _INTRINSICS = {"pinhole": 4, "omni": 5, "eucm": 6, "ds": 6}
+"""How many numbers each model has."""
 
 
 def read_kalibr(fields: Fields) -> list[FiledCamera]:
@@ -40,32 +43,32 @@ def read_kalibr(fields: Fields) -> list[FiledCamera]:
     names = sorted(key for key in fields.value if str(key).startswith("cam"))
     found, place = list[FiledCamera](), RigidTransform.identity()
     for i, name in enumerate(names):
-        one = fields.at(name)
+        entry = fields.at(name)
         if i:
-            rows = [row.numbers(4) for row in one.at("T_cn_cnm1").items()]
+            rows = [row.numbers(4) for row in entry.at("T_cn_cnm1").items()]
             if len(rows) != 4:
-                raise one.at("T_cn_cnm1").fault("4 rows of 4 numbers")
-            place = place * from_optical(one.at("T_cn_cnm1"), np.array(rows)).inv()
-        found.append(FiledCamera(name, _camera(one), place))
+                raise entry.at("T_cn_cnm1").fault("4 rows of 4 numbers")
+            place = place * from_optical(entry.at("T_cn_cnm1"), np.array(rows)).inv()
+        found.append(FiledCamera(name, _camera(entry), place))
     return found
 
 
-def _camera(one: Fields) -> CameraModel:
-    kind = one.at("camera_model").text(_CAMERAS)
-    bent = one.at("distortion_model").text(_DISTORTIONS[kind])
-    size = one.at("resolution").size()
-    *shape, fx, fy, cx, cy = one.at("intrinsics").numbers(_INTRINSICS[kind])
-    terms = one.at("distortion_coeffs").numbers(4) if bent != "none" else (0.0,) * 4
+def _camera(entry: Fields) -> CameraModel:
+    kind = entry.at("camera_model").text(_CAMERAS)
+    bent = entry.at("distortion_model").text(_DISTORTIONS[kind])
+    size = entry.at("resolution").size()
+    *shape, fx, fy, cx, cy = entry.at("intrinsics").numbers(_INTRINSICS[kind])
+    terms = entry.at("distortion_coeffs").numbers(4) if bent != "none" else (0.0,) * 4
     match kind, bent:
         case "pinhole", "equidistant":
-            return fisheye(one, size, (fx, fy, cx, cy), terms)
+            return fisheye(entry, size, (fx, fy, cx, cy), terms)
         case "pinhole", _:
-            return built(one, lambda: Pinhole(*size, fx, fy, cx, cy, *terms))
+            return built(entry, lambda: Pinhole(*size, fx, fy, cx, cy, *terms))
         case "omni", _:
-            return built(one, lambda: Mei(*size, fx, fy, cx, cy, shape[0], *terms))
+            return built(entry, lambda: Mei(*size, fx, fy, cx, cy, shape[0], *terms))
         case "eucm", _:
-            return built(one, lambda: Eucm(*size, fx, fy, cx, cy, shape[0], shape[1]))
-    return built(one, lambda: DoubleSphere(*size, fx, fy, cx, cy, shape[0], shape[1]))
+            return built(entry, lambda: Eucm(*size, fx, fy, cx, cy, shape[0], shape[1]))
+    return built(entry, lambda: DoubleSphere(*size, fx, fy, cx, cy, shape[0], shape[1]))
 
 
 def kalibr_text(cameras: Sequence[FiledCamera]) -> str:
@@ -77,10 +80,10 @@ def kalibr_text(cameras: Sequence[FiledCamera]) -> str:
         If the format does not know a camera's model.
     """
     content = {}
-    for i, one in enumerate(cameras):
-        entry = _entry(one.camera)
+    for i, filed in enumerate(cameras):
+        entry = _entry(filed.camera)
         if i:
-            between = one.first_from_camera.inv() * cameras[i - 1].first_from_camera
+            between = filed.first_from_camera.inv() * cameras[i - 1].first_from_camera
             entry = {"T_cn_cnm1": optical(between).tolist(), **entry}
         content[f"cam{i}"] = entry
     return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=110)

@@ -7,15 +7,17 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from calibration.formats.file_storage import StorageFile
-from calibration.lenses.bundle import BoardView
+from calibration.formats.fields import StorageFile
+from calibration.lenses.problem import BoardView
 from palletloc.geometry import FloatArray
 from palletloc.io.reading import InputError, read_text
 
-SIGMA_PX = 0.02
+_SIGMA_PX = 0.02
 """No corners are better than this; the fit says how much worse."""
 _COLUMNS = ("shot", "board", "lens", "x_m", "y_m", "z_m", "u_px", "v_px")
+"""Of the table of corners."""
 _FEWEST = 4
+"""Corners of a view at least: they give its pose."""
 
 
 def read_corners(path: Path, size: tuple[int, int], lenses: int, *, fixed: bool) -> list[BoardView]:
@@ -79,7 +81,7 @@ def _view(
     pixels = table[:, 3:]
     if (pixels < -1).any() or (pixels > size).any():
         raise InputError(f"{path}: {name}: has corners off the image of {size[0]} x {size[1]} px")
-    return BoardView(name, shot, board, lens, table[:, :3], pixels, np.full(len(table), SIGMA_PX))
+    return BoardView(name, shot, board, lens, table[:, :3], pixels, np.full(len(table), _SIGMA_PX))
 
 
 def _from_storage(path: Path, size: tuple[int, int]) -> list[BoardView]:
@@ -90,7 +92,7 @@ def _from_storage(path: Path, size: tuple[int, int]) -> list[BoardView]:
     stated = storage.numbers("imageSize")
     if stated is not None and tuple(stated) != size:
         raise InputError(
-            f"{path}: imageSize: is {' x '.join(f'{one:g}' for one in stated)} px, the camera is"
+            f"{path}: imageSize: is {' x '.join(f'{side:g}' for side in stated)} px, the camera is"
             f" {size[0]} x {size[1]} px"
         )
     views = []

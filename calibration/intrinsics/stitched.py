@@ -13,18 +13,23 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from calibration.bearings import pose_from_bearings
-from calibration.lenses.bundle import BoardView, Bundle, Rig
 from calibration.lenses.fit import LensFit, NoStartError, refined
 from calibration.lenses.linking import link
 from calibration.lenses.models import MODELS
+from calibration.lenses.problem import BoardView, LensProblem, Rig
 from palletloc.cameras import Equirectangular, StitchedEquirectangular, StitchedLens
 from palletloc.geometry import BoolArray, FloatArray
 
 _FISHEYE = MODELS["kannala_brandt"]
+"""The model of the lenses: with its terms at zero the image is the one that the stitcher means."""
 _BENDS = [_FISHEYE.parameters.index(name) for name in ("k1", "k2")]
+"""Which of its parameters are fitted: the half of an image tells no more than two terms."""
 _TURNED = RigidTransform.from_rotation(Rotation.from_euler("z", 180, degrees=True))
+"""The back lens by the stitcher: turned by 180 degrees about the vertical."""
 _SEAM = float(np.radians(3.0))
+"""Corners nearer to the seam than this, in radians, may belong to either lens, or to a blend of both."""
 _FEWEST = 6
+"""A half with fewer corners counts for nothing."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,12 +48,12 @@ class StitchedFit:
         """Turn (as a rotation vector) and distance of the back lens against its nominal place, (6,), and sigmas."""
         off = self.after.rig.lenses[1] * _TURNED.inv()
         values = np.concatenate([off.rotation.as_rotvec(), off.translation])
-        return values, self.after.sigma[self.after.bundle.columns()[1][1]]
+        return values, self.after.sigma[self.after.problem.columns()[1][1]]
 
     @property
     def bends(self) -> tuple[FloatArray, FloatArray]:
         """k1 and k2 of each lens, (2, 2), and their sigmas."""
-        columns = self.after.bundle.columns()[0]
+        columns = self.after.problem.columns()[0]
         sigma = np.stack([self.after.sigma[at][_BENDS] for at in columns])
         return np.stack([values[_BENDS] for values in self.after.rig.values]), sigma
 
@@ -87,19 +92,19 @@ def fit_stitched(camera: Equirectangular, views: Sequence[BoardView], boards: in
     whole = [replace(view, shot=shots.index(view.shot), lens=0) for view, _ in posed]
     linked = link(whole, [pose for _, pose in posed], 1, boards)
     halves = tuple(half for view in whole for half in _halves(camera, view))
-    bundle = Bundle(tuple(sorted(halves, key=lambda view: view.shot)), (_FISHEYE, _FISHEYE), boards)
+    problem = LensProblem(tuple(sorted(halves, key=lambda view: view.shot)), (_FISHEYE, _FISHEYE), boards)
     nominal = np.array([camera.width / (2 * np.pi)] * 2 + [0.0] * 6)
     lenses = RigidTransform.concatenate([RigidTransform.identity(), _TURNED])
     rig = Rig((nominal, nominal), lenses, linked.shots, linked.boards)
-    before = refined(bundle, rig, free=_free(bundle, lenses=False))
-    after = refined(bundle, before.rig, free=_free(bundle, lenses=True))
+    before = refined(problem, rig, free=_free(problem, lenses=False))
+    after = refined(problem, before.rig, free=_free(problem, lenses=True))
     return StitchedFit(before, after, _camera(camera, after))
 
 
-def _free(bundle: Bundle, *, lenses: bool) -> BoolArray:
+def _free(problem: LensProblem, *, lenses: bool) -> BoolArray:
     """Return which unknowns are fitted: the boards, and, if asked for, place, turn and bends of the lenses."""
-    parameters, lens_poses, board_poses = bundle.columns()
-    free = np.zeros(len(bundle.names()), dtype=np.bool_)
+    parameters, lens_poses, board_poses = problem.columns()
+    free = np.zeros(len(problem.names()), dtype=np.bool_)
     for at in board_poses:
         free[at] = True
     if lenses:

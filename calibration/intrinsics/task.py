@@ -139,7 +139,7 @@ def read_intrinsics(folder: Path) -> IntrinsicsTask:
         raise DocumentError(f"{path}: expected either the keys shots and boards, or the key corners")
     if spec.shots and not spec.boards:
         raise DocumentError(f"{path}: boards: is missing; expected one board at least")
-    boards = {name: _board(path, name, one) for name, one in spec.boards.items()}
+    boards = {name: _board(path, name, board) for name, board in spec.boards.items()}
     _check_boards(path, boards)
     return IntrinsicsTask(
         folder,
@@ -173,10 +173,12 @@ def _start(path: Path, spec: IntrinsicsSpec) -> CameraModel | None:
 def _board(path: Path, name: str, spec: BoardSpec) -> Board:
     where = f"{path}: boards.{name}"
     match (spec.chessboard, spec.charuco):
-        case (ChessboardSpec() as one, None):
-            return Chessboard(one.inner_columns, one.inner_rows, one.square_m)
-        case (None, CharucoSpec() as one):
-            board = CharucoBoard(one.columns, one.rows, one.square_m, one.marker_m, one.dictionary, one.first_id)
+        case (ChessboardSpec() as given, None):
+            return Chessboard(given.inner_columns, given.inner_rows, given.square_m)
+        case (None, CharucoSpec() as given):
+            board = CharucoBoard(
+                given.columns, given.rows, given.square_m, given.marker_m, given.dictionary, given.first_id
+            )
         case _:
             raise DocumentError(f"{where}: expected one of the keys chessboard and charuco")
     try:

@@ -6,15 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.lenses.matching import match_lens
 from calibration.lenses.models import LensCamera, LensModel
 from palletloc.cameras import CameraModel
 from palletloc.errors import PalletLocError
 from palletloc.geometry import FloatArray
 
 _GRID = 60
+"""Rays per side that cameras are compared at; also the fewest that must be seen: 3600 settle 9 parameters."""
 _PERSPECTIVE = float(np.radians(80.0))
+"""How far off axis a pinhole is asked to image, in radians: beyond, its image grows without bound."""
 _STEP = 1e-4
+"""Of the differences that tell the focal length on the axis, as a part of the distance."""
 
 
 class ConversionError(PalletLocError):
@@ -22,7 +24,7 @@ class ConversionError(PalletLocError):
 
 
 @dataclass(frozen=True, slots=True)
-class Difference:
+class LensDifference:
     """How two cameras differ over the field that was compared."""
 
     rms: float
@@ -85,19 +87,19 @@ def convert_lens(camera: CameraModel, model: LensModel, max_angle: float = np.pi
     center, focal = _axis(camera)
     candidates = []
     for start in model.start_values(focal, center):
-        values = match_lens(model, start, rays, pixels)
+        values = model.matched(start, rays, pixels)
         try:
             candidates.append(model.camera(values, (camera.width, camera.height), reach + 1e-9))
         except ValueError:
             continue
-    found = [(difference(camera, one, max_angle), one) for one in candidates]
-    seen = [(left.rms, one) for left, one in found if left.unseen < 0.5]
+    found = [(difference(camera, candidate, max_angle), candidate) for candidate in candidates]
+    seen = [(left.rms, candidate) for left, candidate in found if left.unseen < 0.5]
     if not seen:
         raise ConversionError(
             f"{model.name} cannot image {np.degrees(reach):.0f} degrees off axis as this camera does;"
             " expected a smaller field (--max-angle-deg) or another model"
         )
-    return min(seen, key=lambda one: one[0])[1]
+    return min(seen, key=lambda found: found[0])[1]
 
 
 def _own_angle(camera: CameraModel, max_angle: float) -> float:
@@ -115,7 +117,7 @@ def _axis(camera: CameraModel) -> tuple[FloatArray, float]:
     return pixels[0], float(lengths.mean() / (2 * _STEP))
 
 
-def difference(first: CameraModel, second: CameraModel, max_angle: float = np.pi) -> Difference:
+def difference(first: CameraModel, second: CameraModel, max_angle: float = np.pi) -> LensDifference:
     """Return how a second camera differs from the first one over its field.
 
     Parameters
@@ -132,7 +134,7 @@ def difference(first: CameraModel, second: CameraModel, max_angle: float = np.pi
     off = np.linalg.norm(shown - pixels, axis=-1)[valid]
     reach = float(np.arccos(np.clip(rays[:, 0].min(), -1, 1)))
     if not off.size:
-        return Difference(np.inf, np.inf, reach, 1.0)
-    return Difference(
+        return LensDifference(np.inf, np.inf, reach, 1.0)
+    return LensDifference(
         float(np.sqrt((off**2).mean())), float(off.max()), reach, float((~valid & inner).sum() / inner.sum())
     )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from scipy.spatial.transform import RigidTransform
 
-from calibration.lenses.bundle import BoardView
+from calibration.lenses.problem import BoardView
 from palletloc.errors import PalletLocError
 
 

@@ -4,21 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from calibration.lenses.plane_image import (
-    PlaneImage,
-    distorted,
-    divided,
-    double_sphere_depth,
-    eucm_depth,
-    fisheye_image,
-    perspective_depth,
-    unified_depth,
-)
+from calibration.lenses.descent import descend, finite_cost
 from palletloc.cameras import CameraModel, DoubleSphere, Eucm, KannalaBrandt, Mei, Pinhole
+from palletloc.cameras.derivatives import (
+    PlaneImage,
+    double_sphere_image,
+    eucm_image,
+    kannala_brandt_image,
+    mei_image,
+    pinhole_image,
+)
 from palletloc.errors import PalletLocError, nearest_name
 from palletloc.geometry import FloatArray
 
@@ -26,6 +25,12 @@ LensCamera = DoubleSphere | Eucm | KannalaBrandt | Mei | Pinhole
 """A camera of one lens with parameters."""
 OPTICAL_FROM_CAMERA = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 """Turns the camera frame (forward, left, up) into right, down, forward."""
+
+
+_DAMPING, _MAX_STEPS, _SETTLED = 1e-3, 100, 1e-12
+"""Of a match: its first damping; its steps, of which 10 are usual; the relative gain at which it ends."""
+_FLOOR = 1e-12
+"""Added to the diagonal of the normal equations: keeps unknowns of which nothing is told where they are."""
 
 
 class UnknownLensError(PalletLocError):
@@ -42,6 +47,13 @@ class Imaged:
     """(n, 2, 3) by the ray in the camera frame."""
     by_values: FloatArray
     """(n, 2, k) by the parameters."""
+
+
+class _Matched(NamedTuple):
+    """Parameters, and the pixels that they give."""
+
+    values: FloatArray
+    imaged: Imaged
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +124,38 @@ class LensModel:
         by_values[:, :, 4:] = focal[:, None] * plane.by_shape
         return Imaged(pixels, by_ray, by_values)
 
+    def matched(self, start: FloatArray, rays: FloatArray, pixels: FloatArray) -> FloatArray:
+        """Return the parameters whose pixels differ least from given ones, by damped least squares.
+
+        Parameters
+        ----------
+        start : (k,) array
+            Parameters to begin with.
+        rays : (n, 3) array
+            In the lens's camera frame.
+        pixels : (n, 2) array
+            Where they should appear.
+        """
+
+        def step(matched: _Matched) -> Callable[[float], _Matched | None]:
+            derivatives = matched.imaged.by_values.reshape(-1, len(start))
+            normal = derivatives.T @ derivatives
+            gradient = derivatives.T @ (matched.imaged.pixels - pixels).ravel()
+
+            def damped(damping: float) -> _Matched | None:
+                whole = normal + damping * np.diag(np.diag(normal) + _FLOOR)
+                values = matched.values - np.linalg.solve(whole, gradient)
+                return _Matched(values, self.evaluate(values, rays)) if self.admits(values) else None
+
+            return damped
+
+        def cost(matched: _Matched) -> float:
+            residuals = (matched.imaged.pixels - pixels).ravel()
+            return finite_cost(residuals @ residuals)
+
+        first = _Matched(start, self.evaluate(start, rays))
+        return descend(first, cost, step, _DAMPING, _MAX_STEPS, _SETTLED).values
+
     def values(self, camera: LensCamera) -> FloatArray:
         """Return the parameters of a camera of this model."""
         return np.array([getattr(camera, name) for name in self.parameters], dtype=np.float64)
@@ -139,38 +183,29 @@ class LensModel:
         return self.camera_type(*size, **named)
 
 
-def _mei_image(rays: FloatArray, shape: FloatArray) -> PlaneImage:
-    return distorted(divided(rays, unified_depth(rays, shape[:1])), shape[1:])
-
-
-def _brown_image(rays: FloatArray, shape: FloatArray) -> PlaneImage:
-    return distorted(divided(rays, perspective_depth(rays, shape[:0])), shape)
-
-
 _ANY = np.inf
+"""No limit."""
 MODELS = {
-    one.name: one
-    for one in (
+    model.name: model
+    for model in (
         LensModel(
-            "kannala_brandt", ("k1", "k2", "k3", "k4"), ((0.0,) * 4,), KannalaBrandt, fisheye_image,
+            "kannala_brandt", ("k1", "k2", "k3", "k4"), ((0.0,) * 4,), KannalaBrandt, kannala_brandt_image,
             (-_ANY,) * 4, (_ANY,) * 4,
         ),
         LensModel(
-            "mei", ("xi", "k1", "k2", "p1", "p2"), ((1.0, 0.0, 0.0, 0.0, 0.0),), Mei, _mei_image,
+            "mei", ("xi", "k1", "k2", "p1", "p2"), ((1.0, 0.0, 0.0, 0.0, 0.0),), Mei, mei_image,
             (0.0, *(-_ANY,) * 4), (_ANY,) * 5,
         ),
         LensModel(
-            "double_sphere", ("xi", "alpha"), ((-0.2, 0.55), (0.3, 0.65)), DoubleSphere,
-            lambda rays, shape: divided(rays, double_sphere_depth(rays, shape)),
+            "double_sphere", ("xi", "alpha"), ((-0.2, 0.55), (0.3, 0.65)), DoubleSphere, double_sphere_image,
             (-0.999, 0.0), (_ANY, 1.0),
         ),
         LensModel(
-            "eucm", ("alpha", "beta"), ((0.55, 1.0),), Eucm,
-            lambda rays, shape: divided(rays, eucm_depth(rays, shape)),
+            "eucm", ("alpha", "beta"), ((0.55, 1.0),), Eucm, eucm_image,
             (0.0, 1e-6), (1.0, _ANY),
         ),
         LensModel(
-            "pinhole", ("k1", "k2", "p1", "p2", "k3"), ((0.0,) * 5,), Pinhole, _brown_image,
+            "pinhole", ("k1", "k2", "p1", "p2", "k3"), ((0.0,) * 5,), Pinhole, pinhole_image,
             (-_ANY,) * 5, (_ANY,) * 5,
         ),
     )

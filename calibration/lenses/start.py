@@ -13,17 +13,20 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from calibration.bearings import pose_from_bearings
-from calibration.lenses.adjustment import adjust
-from calibration.lenses.bundle import BoardView, Bundle, Rig
-from calibration.lenses.matching import match_lens
 from calibration.lenses.models import MODELS, LensModel
+from calibration.lenses.problem import BoardView, LensProblem, Rig, adjust
 from palletloc.geometry import BoolArray, FloatArray
 
 _FISHEYE = MODELS["kannala_brandt"]
+"""The model of the first fit: it is near to any lens, and all its shapes are reached from zero."""
 _PERSPECTIVE_LIMIT = np.radians(75.0)
+"""Corners farther off axis, in radians, start no pinhole: errors of their pixels grow without bound."""
 _MOST_VIEWS, _FEWEST = 12, 3
+"""Views that choose the focal length, which is only a start: more take time. And the fewest for a fit."""
 _FACTORS = np.geomspace(0.12, 3.0, 24)
+"""Focal lengths that are tried, in widths of the image: a half sphere on 0.4 of them, to 20 degrees."""
 _IDENTITY = RigidTransform.identity(1)
+"""Place of the only lens, and of the only board."""
 
 
 def equidistant_bearings(pixels: FloatArray, focal: float, center: FloatArray) -> FloatArray:
@@ -93,10 +96,10 @@ def _adjusted(views: Sequence[BoardView], poses: Sequence[RigidTransform | None]
     if len(seen) < _FEWEST:
         return values
     own = tuple(replace(view, shot=i, board=0, lens=0) for i, (view, _) in enumerate(seen))
-    bundle = Bundle(own, (_FISHEYE,))
+    problem = LensProblem(own, (_FISHEYE,))
     rig = Rig((values,), _IDENTITY, RigidTransform.concatenate([pose for _, pose in seen]), _IDENTITY)
     for free in ("fx fy", "fx fy cx cy k1", "fx fy cx cy k1 k2 k3 k4"):
-        rig = adjust(bundle, rig, _among(free.split()), robust=_spread(bundle, rig))
+        rig = adjust(problem, rig, _among(free.split()), robust=_spread(problem, rig))
     return rig.values[0]
 
 
@@ -104,9 +107,9 @@ def _among(names: Sequence[str]) -> BoolArray:
     return np.array([name in names for name in _FISHEYE.parameters])
 
 
-def _spread(bundle: Bundle, rig: Rig) -> float:
+def _spread(problem: LensProblem, rig: Rig) -> float:
     """Return twice the typical size of a residual, in sigmas."""
-    return 2 * float(np.nanmedian(np.linalg.norm(bundle.predict(rig).residuals, axis=-1))) + 1e-3
+    return 2 * float(np.nanmedian(np.linalg.norm(problem.linearize(rig).residuals, axis=-1))) + 1e-3
 
 
 def _posed(
@@ -114,7 +117,7 @@ def _posed(
 ) -> list[RigidTransform | None]:
     """Return each board's pose through a lens that is known well: from the one given or from the equations anew."""
     candidates = [
-        [one for one in (pose, _pose_through(view, values)) if one is not None]
+        [candidate for candidate in (pose, _pose_through(view, values)) if candidate is not None]
         for view, pose in zip(views, poses, strict=True)
     ]
     seen = [
@@ -124,9 +127,9 @@ def _posed(
     ]
     refined: list[RigidTransform | None] = [None] * len(views)
     if seen:
-        bundle = Bundle(tuple(replace(view, shot=k) for k, (_, view, _) in enumerate(seen)), (_FISHEYE,))
+        problem = LensProblem(tuple(replace(view, shot=k) for k, (_, view, _) in enumerate(seen)), (_FISHEYE,))
         rig = Rig((values,), _IDENTITY, RigidTransform.concatenate([pose for *_, pose in seen]), _IDENTITY)
-        shots = adjust(bundle, rig, np.zeros(len(values), dtype=np.bool_), robust=_spread(bundle, rig)).shots
+        shots = adjust(problem, rig, np.zeros(len(values), dtype=np.bool_), robust=_spread(problem, rig)).shots
         for k, (i, _, _) in enumerate(seen):
             refined[i] = shots[k]
     return refined
@@ -170,10 +173,10 @@ def start_model(
     """
     rays = [pose.apply(view.points) for view, pose in zip(views, poses, strict=True)]
     limit = _PERSPECTIVE_LIMIT if model.name == "pinhole" else np.pi
-    near = [one[:, 0] > np.cos(limit) * np.linalg.norm(one, axis=-1) for one in rays]
+    near = [directions[:, 0] > np.cos(limit) * np.linalg.norm(directions, axis=-1) for directions in rays]
     if model is _FISHEYE:
         return [fisheye], near
-    chosen = np.concatenate([one[keep] for one, keep in zip(rays, near, strict=True)])
+    chosen = np.concatenate([directions[keep] for directions, keep in zip(rays, near, strict=True)])
     pixels = _FISHEYE.evaluate(fisheye, chosen).pixels
     starts = model.start_values(float(fisheye[:2].mean()), fisheye[2:4])
-    return [match_lens(model, start, chosen, pixels) for start in starts], near
+    return [model.matched(start, chosen, pixels) for start in starts], near

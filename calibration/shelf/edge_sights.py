@@ -8,18 +8,25 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.shelf.bundle import EdgeSight
 from calibration.shelf.level_view import REACH, LevelView
+from calibration.shelf.problem import EdgeSight
 from calibration.shelf.upright_edges import BAND, BANDS, FARTHEST, NEAREST, Edges, seen_from
 from palletloc.geometry import FloatArray, wrap_angle
 
 _SEARCH_PX = 5
+"""How far from where it is expected an edge is looked for, in columns: what odometry adds between shots."""
 _LEAST_BANDS = 3
+"""Height bands that must show an edge: fewer may be a label."""
 _LEAST_SIGHTS = 3
+"""Shots that must agree on a place: two always cross."""
 _SAME = 0.015
+"""Edges nearer to each other are one, in metres: far less than a post is wide."""
 _PIXEL_ERROR = 0.25
+"""Standard deviation of the column of an edge that all bands agree on, at least."""
 _POSE_ERROR = 0.0007
+"""What the forklift may turn between odometry and shot, one standard deviation, in radians: 0.04 degrees."""
 _OUTLIER = 4.0
+"""A bearing that misses the place by more standard deviations is left out."""
 
 
 def measure_edges(views: Sequence[LevelView], poses: FloatArray, edges: Edges, into: float) -> list[EdgeSight]:
@@ -108,7 +115,7 @@ def triangulated(
     """
     kept: list[tuple[FloatArray, list[EdgeSight], int]] = []
     for i in np.argsort(-np.abs(edges.vote), kind="stable"):
-        mine = [one for one in sights if one.edge == i]
+        mine = [sight for sight in sights if sight.edge == i]
         place, mine = _crossing(views, poses, edges.places[i], mine)
         if place is None:
             continue
@@ -123,7 +130,7 @@ def triangulated(
             kept[same[0]] = (place, mine, int(i))
     index = np.array([i for _, _, i in kept], np.intp)
     places = np.array([place for place, _, _ in kept]).reshape(-1, 2)
-    renumbered = [replace(one, edge=k) for k, (_, mine, _) in enumerate(kept) for one in mine]
+    renumbered = [replace(sight, edge=k) for k, (_, mine, _) in enumerate(kept) for sight in mine]
     return Edges(places, edges.vote[index], edges.side[index]), renumbered
 
 
@@ -150,13 +157,13 @@ def _lines(
     views: Sequence[LevelView], poses: FloatArray, place: FloatArray, sights: Sequence[EdgeSight]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return each bearing as a line on the floor: its normal, its offset, and one over its error there."""
-    shots: NDArray[np.intp] = np.array([one.shot for one in sights])
-    azimuth = np.array([one.azimuth for one in sights]) + poses[shots, 2]
+    shots: NDArray[np.intp] = np.array([sight.shot for sight in sights])
+    azimuth = np.array([sight.azimuth for sight in sights]) + poses[shots, 2]
     local = np.array([views[shot].camera[:2] for shot in shots])
     cos, sin = np.cos(poses[shots, 2]), np.sin(poses[shots, 2])
     camera = poses[shots, :2] + np.stack(
         [cos * local[:, 0] - sin * local[:, 1], sin * local[:, 0] + cos * local[:, 1]], axis=1
     )
     normal = np.stack([-np.sin(azimuth), np.cos(azimuth)], axis=1)
-    error = np.hypot([one.sigma for one in sights], _POSE_ERROR) * np.hypot(*(place - camera).T)
+    error = np.hypot([sight.sigma for sight in sights], _POSE_ERROR) * np.hypot(*(place - camera).T)
     return normal, (normal * camera).sum(1), 1 / error

@@ -14,12 +14,14 @@ from palletloc.errors import PalletLocError
 from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 from palletloc.io.recording import Recording
 from palletloc.localizer import Localizer
-from palletloc.offline import shelf_at
 from palletloc.shelf import ShelfPlane
 
 _MIN_SCORE = 0.8
+"""Pallets with a lower score do not count here: a wrong one costs more than a missing one."""
 _NEAR = 0.15
+"""Pallets whose depths differ by less, in metres, stand on one plane."""
 _FIRST_SHOTS = 4
+"""Shots of the wide first look, which is slow."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +37,9 @@ class Reach:
 _TRIED = tuple((depth, float(np.radians(yaw))) for depth in (-0.3, 0.05, 0.4) for yaw in (-7.0, 0.0, 7.0))
 """Planes that are tried around the user's, by depth and yaw: together they cover half a metre and ten degrees."""
 _FIRST = Reach(0.25, float(np.radians(4.5)))
+"""How far planes may be off in the first look: half the distance of those that are tried."""
 _AGAIN, _LAST = Reach(0.15, float(np.radians(4.0))), Reach(0.08, float(np.radians(1.5)))
+"""The same in the second look, and once poses are known."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,7 +91,7 @@ def see_pallets(
     on_progress("looking for pallets widely")
     few = [(int(i), shots[i]) for i in spread]
     tried = (_moved(recording, prior, depth, yaw) for depth, yaw in _TRIED)
-    first = [one for plane in tried for one in _look(recording, few, plane, _FIRST)]
+    first = [sight for plane in tried for sight in _look(recording, few, plane, _FIRST)]
     plane = rough_plane(recording, shots, first, prior)
     if plane is None:
         return [], prior
@@ -136,7 +140,7 @@ def _look(
     shelves = []
     for number, index in numbered:
         with suppress(PalletLocError):
-            shelves.append((number, index, shelf_at(moved, recording.shots[index].time, LocalizerConfig().prior)))
+            shelves.append((number, index, moved.shelf_at(recording.shots[index].time)))
     return _localized(recording, shelves, reach)
 
 
@@ -146,19 +150,18 @@ def _localized(
     config = LocalizerConfig()
     detection = replace(config.detection, plane_depth=reach.depth, plane_yaw_deg=float(np.degrees(reach.yaw)))
     config = replace(config, detection=detection)
-    localizer = Localizer(recording.camera, recording.mounting, recording.models, config=config)
+    localizer = Localizer(recording.models, config=config)
     keep = np.ix_([0, 1, 3], [0, 1, 3])
     seen: list[PalletSight] = []
     for number, index, shelf in numbered:
-        shot = recording.shots[index]
         try:
-            found = localizer.localize(recording.image(shot), shot.time, shelf, shot.file)
+            found = localizer.localize(recording.shot(recording.shots[index]), shelf)
         except PalletLocError:  # a shot that cannot be used: too near, or damaged; others may do
             continue
         seen += [
-            PalletSight(number, one.model, one.forklift_from_pallet, one.covariance[keep])
-            for one in found
-            if one.score >= _MIN_SCORE
+            PalletSight(number, measurement.model, measurement.forklift_from_pallet, measurement.covariance[keep])
+            for measurement in found
+            if measurement.score >= _MIN_SCORE
         ]
     return seen
 
@@ -181,8 +184,8 @@ def rough_plane(
     """
     if not seen:
         return None
-    at = [recording.odometry.pose_at(recording.shots[shots[one.shot]].time) for one in seen]
-    poses = np.array([compose(np.array([p.x, p.y, p.yaw]), one.planar) for p, one in zip(at, seen, strict=True)])
+    at = [recording.odometry.pose_at(recording.shots[shots[sight.shot]].time) for sight in seen]
+    poses = np.array([compose(np.array([p.x, p.y, p.yaw]), sight.planar) for p, sight in zip(at, seen, strict=True)])
     turned = wrap_angle(poses[:, 2] - prior.yaw)
     near = np.abs(turned[:, None] - turned) < np.radians(4.0)
     yaw = prior.yaw + float(np.median(turned[near[near.sum(1).argmax()]]))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -10,6 +10,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from palletloc.geometry import FloatArray, wrap_angle
+from palletloc.robust import huber_weights
 from palletloc.shelf import ShelfPlane
 
 CHANCE = 0.0027
@@ -149,45 +150,99 @@ def fuse(estimates: Sequence[PlaneEstimate], common: FloatArray | None = None) -
     FusedPlane or None
         None where they leave distance or heading open.
     """
-    total = np.sum([one.information for one in estimates], axis=0)
+    total = np.sum([estimate.information for estimate in estimates], axis=0)
     covariance = inverse_of(total)
     if not np.isfinite(covariance).all() or not (np.diag(covariance) > 0).all():
         return None
-    values = [_vector(one) for one in estimates]
-    weighted = np.sum([one.information @ value for one, value in zip(estimates, values, strict=True)], axis=0)
+    values = [_vector(estimate) for estimate in estimates]
+    weighted = np.sum(
+        [estimate.information @ value for estimate, value in zip(estimates, values, strict=True)], axis=0
+    )
     fused = covariance @ weighted
     rest = sum(
-        float((value - fused) @ one.information @ (value - fused))
-        for one, value in zip(estimates, values, strict=True)
+        float((value - fused) @ estimate.information @ (value - fused))
+        for estimate, value in zip(estimates, values, strict=True)
     )
-    freedom = sum(int(np.linalg.matrix_rank(one.information, tol=1e-9)) for one in estimates) - 2
+    freedom = sum(int(np.linalg.matrix_rank(estimate.information, tol=1e-9)) for estimate in estimates) - 2
     chance = float(chi2.sf(rest, freedom)) if freedom > 0 else 1.0
     shared = np.zeros((2, 2)) if common is None else common
     return FusedPlane(float(fused[0]), float(fused[1]), covariance + shared, chance, disagreement(estimates))
 
 
-def _vector(one: PlaneEstimate) -> FloatArray:
-    return np.array([one.turn, one.distance if np.isfinite(one.distance) else 0.0])
+def _vector(estimate: PlaneEstimate) -> FloatArray:
+    return np.array([estimate.turn, estimate.distance if np.isfinite(estimate.distance) else 0.0])
+
+
+def depth_residuals(
+    right: FloatArray, depth: FloatArray, turn: float, distance: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return how far places lie behind a plane, (n,), and the derivatives by its turn and distance, (n, 2).
+
+    Parameters
+    ----------
+    right, depth : (n,) array
+        From `Foot.local`.
+    turn, distance : float
+        Of the plane, in radians and metres.
+    """
+    off = np.cos(turn) * depth - np.sin(turn) * right - distance
+    return off, np.stack([-np.cos(turn) * right - np.sin(turn) * depth, -np.ones(len(right))], axis=1)
+
+
+def robust_plane(
+    residuals: Callable[[float, float], tuple[FloatArray, FloatArray]],
+    sigma: FloatArray,
+    prior: FloatArray,
+    distance: float,
+    tuning: float,
+    rounds: int,
+) -> tuple[float, float, FloatArray]:
+    """Return turn, distance and their information of the plane with the least residuals, with Huber's weights.
+
+    Parameters
+    ----------
+    residuals : callable
+        Returns residuals, (n,), and their derivatives, (n, 2), for turn and distance.
+    sigma : (n,) array
+        Standard deviations of the residuals.
+    prior : (2, 2) array
+        Information about both before, around 0.
+    distance : float
+        Where to begin, in metres; the turn begins at 0.
+    tuning : float
+        Residuals beyond this many standard deviations count by their size.
+    rounds : int
+        How many steps are made, each with new weights.
+    """
+    turn = 0.0
+    information = prior
+    for _ in range(rounds):
+        off, design = residuals(turn, distance)
+        weights = huber_weights(off, sigma, tuning) / sigma**2
+        information = np.asarray((design * weights[:, None]).T @ design + prior)
+        step = np.linalg.solve(information, -design.T @ (weights * off) - prior @ np.array([turn, distance]))
+        turn, distance = turn + float(step[0]), distance + float(step[1])
+    return turn, distance, information
 
 
 def disagreement(estimates: Sequence[PlaneEstimate]) -> Disagreement | None:
     """Return the two estimates that contradict each other most; None where no two do."""
     worst: Disagreement | None = None
-    for one, other in combinations(estimates, 2):
-        found = _compared(one, other)
+    for first, second in combinations(estimates, 2):
+        found = _compared(first, second)
         if found.chance < CHANCE and (worst is None or found.chance < worst.chance):
             worst = found
     return worst
 
 
-def _compared(one: PlaneEstimate, other: PlaneEstimate) -> Disagreement:
-    difference = _vector(other) - _vector(one)
-    sum_of_both = inverse_of(one.information) + inverse_of(other.information)
+def _compared(first: PlaneEstimate, second: PlaneEstimate) -> Disagreement:
+    difference = _vector(second) - _vector(first)
+    sum_of_both = inverse_of(first.information) + inverse_of(second.information)
     both = np.isfinite(np.diag(sum_of_both))
     if not both.any():
-        return Disagreement(one.method, other.method, 1.0, float(difference[0]), float("nan"))
+        return Disagreement(first.method, second.method, 1.0, float(difference[0]), float("nan"))
     part = sum_of_both[np.ix_(both, both)]
     square = float(difference[both] @ np.linalg.solve(part, difference[both]))
     distance = float(difference[1]) if both[1] else float("nan")
     chance = float(chi2.sf(square, int(both.sum())))
-    return Disagreement(one.method, other.method, chance, float(difference[0]), distance)
+    return Disagreement(first.method, second.method, chance, float(difference[0]), distance)

@@ -23,15 +23,27 @@ REACH = 0.15
 SIGMA = 0.05
 """How far the surface with most texture may be from the wanted plane where nothing tells, in metres."""
 _LEAST_APART = 0.02
+"""How far surfaces stand apart at least where other methods tell, in metres."""
 _STEP = 0.01
+"""Between the distances that are tried, in metres: a parabola finds the peak between them."""
 _RESOLUTION, _WINDOW = 0.005, 15
+"""Of the views, in metres, and the side of a window in pixels: 7.5 cm, less than an upright is wide."""
 _ASIDE, _HEIGHTS = 1.0, (0.1, 2.3)
+"""Half the width of the views and their heights, in metres: what shots from both sides see well."""
 _WANTED, _LEAST, _MOST = 0.3, 0.12, 0.6
+"""Baseline of shots that are compared, in parts of the distance: best, least and most. Short ones do not tell
+the distance, on long ones things look different."""
 _MOST_GROUPS = 8
+"""Groups of shots that are compared: more take time and show the same."""
 _ALIKE = 0.9
+"""Windows correlate more where they show the same surface."""
 _TEXTURE, _ACROSS = 0.03, 0.5
+"""Least contrast of a window, in parts of the light, and least part of its variance along the shelf."""
 _LEAST_WINDOWS = 200
+"""Fewer windows tell nothing: their share would scatter by more than a peak is high."""
 _LEAST_SCORE, _ABOVE_FLOOR, _SECOND = 0.03, 2.0, 0.7
+"""A clear peak is higher than the first, than so many times the lower quartile, and has no second above that part
+of it."""
 
 FloatImage = NDArray[np.float32]
 
@@ -127,7 +139,7 @@ def judged(distances: FloatArray, scores: FloatArray, windows: int) -> PlaneSwee
     padded = np.pad(scores, 1, mode="edge")
     smooth = (padded[:-2] + 2 * padded[1:-1] + padded[2:]) / 4
     inner = np.flatnonzero((smooth[1:-1] > smooth[:-2]) & (smooth[1:-1] >= smooth[2:])) + 1
-    peaks = sorted((_peak(distances, smooth, int(i)) for i in inner), key=lambda one: -one.score)
+    peaks = sorted((_peak(distances, smooth, int(i)) for i in inner), key=lambda peak: -peak.score)
     return PlaneSweep(distances, smooth, windows, tuple(peaks), _refusal(smooth, windows, peaks))
 
 
@@ -153,7 +165,11 @@ def sweep_estimate(sweep: PlaneSweep, turn: float, estimates: Sequence[PlaneEsti
     """
     if sweep.distance is None:
         return None
-    planes = [one.distance for one in estimates if np.isfinite(one.distance) and one.information[1, 1] > 0]
+    planes = [
+        estimate.distance
+        for estimate in estimates
+        if np.isfinite(estimate.distance) and estimate.information[1, 1] > 0
+    ]
     apart = max(float(np.ptp(planes)), _LEAST_APART) if len(planes) > 1 else SIGMA
     sigma = float(np.hypot(apart, _width(sweep)))
     evidence = f"{100 * sweep.peaks[0].score:.0f} % of {sweep.windows} windows alike"
@@ -180,7 +196,7 @@ def _refusal(scores: FloatArray, windows: int, peaks: Sequence[Peak]) -> str | N
         return "sweep_flat"
     if not 2 <= top < len(scores) - 2:
         return "sweep_at_edge"
-    second = max([one.score for one in peaks[1:]] + [float(scores[0]), float(scores[-1])])
+    second = max([peak.score for peak in peaks[1:]] + [float(scores[0]), float(scores[-1])])
     return "sweep_ambiguous" if second >= _SECOND * peaks[0].score else None
 
 
@@ -213,7 +229,7 @@ def _groups(
                 group.append(best)
         if len(group) > 1:
             groups.append(tuple(group))
-    whole = [one for one in groups if len(one) == 3] or groups
+    whole = [group for group in groups if len(group) == 3] or groups
     spread = np.linspace(0, len(whole) - 1, min(len(whole), _MOST_GROUPS)).round().astype(int)
     return [whole[i] for i in np.unique(spread)]
 

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from calibration.drive import Drive, compose, read_drive
 from calibration.shelf.beam_line import BEAMS, BeamSearch, beam_lines
-from calibration.shelf.bundle import Bundle, Observed, same_pallets, solve
 from calibration.shelf.edge_sights import measure_edges, triangulated
 from calibration.shelf.front_line import PALLETS, UPRIGHTS, FrontLine, pallet_line, upright_line
 from calibration.shelf.gravity_lines import level_direction, level_heading
@@ -20,6 +19,7 @@ from calibration.shelf.line_segments import find_segments
 from calibration.shelf.pallets import PalletSight, see_again, see_pallets
 from calibration.shelf.plane import Foot, FusedPlane, PlaneEstimate, fuse
 from calibration.shelf.plane_sweep import REACH, PlaneSweep, sweep_estimate, sweep_plane
+from calibration.shelf.problem import DriveSolution, Observed, same_pallets, solve
 from calibration.shelf.shots import Skipped, motion_refusal, usable_shots
 from calibration.shelf.upright_edges import Edges, find_edges
 from calibration.shelf.upright_tags import TAGS, TagsOnUprights, tag_places, tag_plane
@@ -31,14 +31,23 @@ from palletloc.shelf import ShelfPlane
 LINES = "lines"
 """Name of the method that takes only the heading, from level edges."""
 _LINE_SHOTS = 8
+"""Shots whose level edges are looked for: more take time and show the same edges."""
 _ASIDE = np.radians([-50.0, 0.0, 50.0])
+"""Where patches look, against straight into the shelf, in radians: 60 degrees each, they overlap a little."""
 _BEAM_REACH = 0.1
+"""How far before and behind the front beams are looked for, in metres; it must be known as well."""
 _BESIDE_PALLET = 0.06
+"""How far beside a pallet its load may reach, in metres: a beam is not looked for there."""
 _APART = 0.05
+"""How far planes of uprights, pallets and beams stand apart where only one is wanted, in metres."""
 _NEAR_DEPTH, _FAR_DEPTH = 0.2, 0.6
+"""How far uprights are looked for before and behind the plane, in metres: after pallets, and without them."""
 _KNOWN_TURN, _ROUGH_TURN = float(np.radians(1.2)), float(np.radians(6.0))
+"""How well the heading is known, in radians: after pallets, and without them."""
 _BIASES = np.arange(-0.009, 0.0091, 0.001)
+"""Biases of the gyroscope that are tried, in radians per second: a standard deviation of the odometry's."""
 _ROUNDS = 3
+"""How often uprights are found again by the poses that they give, where there are no pallets."""
 
 
 class Front(StrEnum):
@@ -66,12 +75,12 @@ class ShelfSurvey:
     """What planes are described from."""
     observed: Observed
     """What poses and landmarks are based on."""
-    bundle: Bundle
+    solution: DriveSolution
     """Poses and landmarks."""
     models: tuple[PalletModel, ...]
-    """(m,) of the bundle's pallets."""
+    """(m,) of the solution's pallets."""
     edges: Edges
-    """Upright edges; their places are the bundle's."""
+    """Upright edges; their places are the solution's."""
     members: FloatArray
     """(k,) 1 for edges that form the front."""
     estimates: tuple[PlaneEstimate, ...]
@@ -122,8 +131,8 @@ def survey_shelf(
     shots = usable_shots(recording)
     drive = read_drive(recording.odometry, [recording.shots[i].time for i in shots])
     camera = np.asarray(recording.mounting.center[:2], dtype=np.float64)
-    observed, bundle, foot = _pallets(recording, shots, drive, prior, on_progress)
-    pallets = pallet_line(bundle.pallets, bundle.landmark_covariance()[0], foot)
+    observed, solution, foot = _pallets(recording, shots, drive, prior, on_progress)
+    pallets = pallet_line(solution.pallets, solution.landmark_covariance()[0], foot)
     skipped: list[Skipped] = []
     edges, line = Edges.none(), None
     refusal = motion_refusal(drive, camera, foot, prior)
@@ -131,15 +140,15 @@ def survey_shelf(
         skipped.append(refusal)
     else:
         on_progress("looking for uprights")
-        observed, bundle, edges, line = _uprights(recording, shots, observed, bundle, foot, pallets, prior)
+        observed, solution, edges, line = _uprights(recording, shots, observed, solution, foot, pallets, prior)
         if line is None:
             skipped.append(Skipped(UPRIGHTS, "no_uprights", "no two tall vertical edges line up along the shelf"))
-        pallets = pallet_line(bundle.pallets, bundle.landmark_covariance()[0], foot)
+        pallets = pallet_line(solution.pallets, solution.landmark_covariance()[0], foot)
     if pallets is None:
         skipped.append(Skipped(PALLETS, "no_pallets", "no pallet is seen in two shots"))
-    estimates = [one for one in (None if line is None else line.estimate, pallets) if one is not None]
+    estimates = [estimate for estimate in (None if line is None else line.estimate, pallets) if estimate is not None]
     if tags is not None:
-        places = tag_places(recording, shots, bundle.poses, tags, on_progress)
+        places = tag_places(recording, shots, solution.poses, tags, on_progress)
         tagged = tag_plane(places, foot, tags, estimates[0].distance if estimates else foot.described(prior)[1])
         estimates += [] if tagged is None else [tagged]
         if tagged is None:
@@ -148,19 +157,19 @@ def survey_shelf(
     if rough is not None and rough.covariance[1, 1] < _BEAM_REACH**2:
         on_progress("looking for beams and level edges")
         search = BeamSearch(
-            foot, rough.turn, rough.distance, _BEAM_REACH, _stretches(recording, observed, bundle, foot)
+            foot, rough.turn, rough.distance, _BEAM_REACH, _stretches(recording, observed, solution, foot)
         )
-        beams = beam_lines(recording, shots, bundle.poses, search, on_progress)
+        beams = beam_lines(recording, shots, solution.poses, search, on_progress)
         if not beams:
             skipped.append(Skipped(BEAMS, "no_beams", "no beam of a known height, off the camera's, is seen"))
-        lines = _lines(recording, shots, bundle.poses, foot, rough.turn)
+        lines = _lines(recording, shots, solution.poses, foot, rough.turn)
         estimates += beams if lines is None else [*beams, lines]
-    estimates = [one.apart(0.0 if _tells(one, front) else _APART) for one in estimates]
+    estimates = [estimate.apart(0.0 if _tells(estimate, front) else _APART) for estimate in estimates]
     fused = fuse(estimates, _common(recording, estimates)) if estimates else None
     sweep = None
     if fused is not None and fused.covariance[1, 1] < (REACH / 2) ** 2:
         on_progress("moving the plane through its neighbourhood")
-        sweep = sweep_plane(recording, shots, bundle.poses, foot, fused.turn, fused.distance)
+        sweep = sweep_plane(recording, shots, solution.poses, foot, fused.turn, fused.distance)
         refined = sweep_estimate(sweep, fused.turn, estimates)
         if refined is not None:
             estimates.append(refined)
@@ -173,9 +182,9 @@ def survey_shelf(
         front,
         foot,
         observed,
-        bundle,
+        solution,
         _models(recording, observed),
-        replace(edges, places=bundle.edges),
+        replace(edges, places=solution.edges),
         members,
         tuple(estimates),
         tuple(skipped),
@@ -184,22 +193,22 @@ def survey_shelf(
     )
 
 
-def _tells(one: PlaneEstimate, front: Front) -> bool:
+def _tells(estimate: PlaneEstimate, front: Front) -> bool:
     """Tell whether a method sees the wanted plane itself."""
-    return (one.method == PALLETS) == (front is Front.PALLETS)
+    return (estimate.method == PALLETS) == (front is Front.PALLETS)
 
 
 def _models(recording: Recording, observed: Observed) -> tuple[PalletModel, ...]:
-    """Return the model of each pallet in the bundle."""
+    """Return the model of each pallet in the solution."""
     known = {model.name: model for model in recording.models}
     first = np.unique(observed.pallet_of, return_index=True)[1]
     return tuple(known[observed.pallets[i].model] for i in first)
 
 
-def _stretches(recording: Recording, observed: Observed, bundle: Bundle, foot: Foot) -> FloatArray:
+def _stretches(recording: Recording, observed: Observed, solution: DriveSolution, foot: Foot) -> FloatArray:
     """Return between which places along the shelf each pallet stands, and at what height, (m, 3)."""
-    places = foot.local(bundle.pallets[:, :2])[:, 0]
-    heights = np.array([one.pose.z for one in observed.pallets])
+    places = foot.local(solution.pallets[:, :2])[:, 0]
+    heights = np.array([sight.pose.z for sight in observed.pallets])
     rows = []
     for i, (place, model) in enumerate(zip(places, _models(recording, observed), strict=True)):
         half = model.width / 2 + _BESIDE_PALLET
@@ -223,31 +232,31 @@ def _lines(
     heading = level_heading(found)
     if heading is None:
         return None
-    evidence = f"{sum(one.segments for one, _ in found)} level edges in {len(found)} shots"
+    evidence = f"{sum(edges.segments for edges, _ in found)} level edges in {len(found)} shots"
     off = float(wrap_angle(heading[0] + np.pi / 2 - foot.yaw))
     return PlaneEstimate(LINES, off, float("nan"), np.diag([1 / heading[1] ** 2, 0.0]), evidence)
 
 
 def _pallets(
     recording: Recording, shots: list[int], drive: Drive, prior: ShelfPlane, on_progress: Callable[[str], None]
-) -> tuple[Observed, Bundle, Foot]:
+) -> tuple[Observed, DriveSolution, Foot]:
     """Return the drive past the pallets: seen widely first, then once more by the poses that gives."""
     camera = np.asarray(recording.mounting.center[:2], dtype=np.float64)
     sights, _ = see_pallets(recording, shots, prior, on_progress)
     observed = Observed(drive, camera, *_joined(drive, sights))
-    bundle = solve(observed)
-    foot = _foot(bundle, camera, prior)
-    line = pallet_line(bundle.pallets, bundle.landmark_covariance()[0], foot)
+    solution = solve(observed)
+    foot = _foot(solution, camera, prior)
+    line = pallet_line(solution.pallets, solution.landmark_covariance()[0], foot)
     if line is None:
-        return observed, bundle, foot
+        return observed, solution, foot
     on_progress("localizing pallets once more")
     plane = replace(foot.plane(line.turn, line.distance), levels=prior.levels)
-    again = _joined(drive, see_again(recording, shots, bundle.poses, plane))
+    again = _joined(drive, see_again(recording, shots, solution.poses, plane))
     if len(again[0]) < len(observed.pallets) / 2:
-        return observed, bundle, foot
+        return observed, solution, foot
     observed = Observed(drive, camera, *again)
-    bundle = solve(observed)
-    return observed, bundle, _foot(bundle, camera, prior)
+    solution = solve(observed)
+    return observed, solution, _foot(solution, camera, prior)
 
 
 def _joined(drive: Drive, sights: Sequence[PalletSight]) -> tuple[tuple[PalletSight, ...], NDArray[np.intp]]:
@@ -255,15 +264,15 @@ def _joined(drive: Drive, sights: Sequence[PalletSight]) -> tuple[tuple[PalletSi
     return tuple(kept), owner
 
 
-def _foot(bundle: Bundle, camera: FloatArray, prior: ShelfPlane) -> Foot:
+def _foot(solution: DriveSolution, camera: FloatArray, prior: ShelfPlane) -> Foot:
     """Return the camera's place at the middle of the way, with the heading that the pallets give."""
-    middle = bundle.poses[len(bundle.poses) // 2]
+    middle = solution.poses[len(solution.poses) // 2]
     point = compose(middle, np.array([*camera, 0.0]))[:2]
-    if not len(bundle.pallets):
+    if not len(solution.pallets):
         return Foot(point, prior.yaw)
-    turned = np.asarray(wrap_angle(bundle.pallets[:, 2] - prior.yaw))
+    turned = np.asarray(wrap_angle(solution.pallets[:, 2] - prior.yaw))
     foot = Foot(point, prior.yaw + float(np.median(turned)))
-    line = pallet_line(bundle.pallets, bundle.landmark_covariance()[0], foot)
+    line = pallet_line(solution.pallets, solution.landmark_covariance()[0], foot)
     return foot if line is None else Foot(point, foot.yaw + line.turn)
 
 
@@ -271,13 +280,13 @@ def _uprights(
     recording: Recording,
     shots: list[int],
     observed: Observed,
-    bundle: Bundle,
+    solution: DriveSolution,
     foot: Foot,
     pallets: PlaneEstimate | None,
     prior: ShelfPlane,
-) -> tuple[Observed, Bundle, Edges, FrontLine | None]:
+) -> tuple[Observed, DriveSolution, Edges, FrontLine | None]:
     rough = foot.plane(pallets.turn, pallets.distance) if pallets else prior
-    poses = bundle.poses
+    poses = solution.poses
     views = _views(recording, shots, poses, foot, rough)
     depth = _NEAR_DEPTH if pallets else _FAR_DEPTH
     if pallets is None:
@@ -290,12 +299,12 @@ def _uprights(
         sights = measure_edges(views, poses, edges, rough.yaw)
         edges, sights = triangulated(views, poses, edges, sights)
         if not len(edges.vote):
-            return observed, bundle, Edges.none(), None
+            return observed, solution, Edges.none(), None
         seen = replace(observed, edges=tuple(sights))
-        bundle = solve(seen, edges.places)
-        poses = bundle.poses
-    line = upright_line(edges, bundle.edges, bundle.landmark_covariance()[1], foot, turn_sigma)
-    return seen, bundle, edges, line
+        solution = solve(seen, edges.places)
+        poses = solution.poses
+    line = upright_line(edges, solution.edges, solution.landmark_covariance()[1], foot, turn_sigma)
+    return seen, solution, edges, line
 
 
 def _views(
@@ -319,7 +328,7 @@ def _least_blurred(views: list[LevelView], drive: Drive, rough: ShelfPlane) -> F
 
 def _common(recording: Recording, estimates: Sequence[PlaneEstimate]) -> FloatArray:
     """Return what the mounting's uncertainty makes of turn and distance, whatever the method."""
-    distance = next((one.distance for one in estimates if np.isfinite(one.distance)), 2.0)
+    distance = next((estimate.distance for estimate in estimates if np.isfinite(estimate.distance)), 2.0)
     x, y, _, roll, pitch, yaw = recording.mounting.sigma
     tilt = float(np.hypot(roll, pitch)) * distance
     return np.diag([yaw**2, max(x, y) ** 2 + tilt**2])

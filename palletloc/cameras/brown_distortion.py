@@ -14,10 +14,13 @@ from palletloc.cameras.odd_polynomial import OddPolynomial
 from palletloc.geometry import FloatArray
 
 _MAX_STEPS = 40
-# Points inverted at a time, to stay in the CPU's cache.
+"""Newton steps, halved ones among them: four to six are usual, more are needed only near the fold."""
 _BLOCK = 2**14
+"""Points inverted at a time, to stay in the CPU's cache."""
 _CONVERGED = 1e-12
+"""A distance to the target on the plane, relative to its radius, up to which a point counts as inverted."""
 _ROUNDING = 1e-13
+"""The same distance below which steps only repeat what rounding does."""
 
 
 @dataclass(frozen=True, slots=True)

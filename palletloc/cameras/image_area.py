@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from palletloc.geometry import BoolArray, FloatArray
@@ -19,32 +17,6 @@ def check_size(width: int, height: int) -> None:
     """
     if not (width > 0 and height > 0):
         raise ValueError(f"an image needs a positive width and height in pixels, got {width} x {height}")
-
-
-def check_lens(fx: float, fy: float, others: tuple[float, ...]) -> None:
-    """Refuse focal lengths that are not positive, and parameters that are not finite numbers.
-
-    Raises
-    ------
-    ValueError
-        If one of them is.
-    """
-    if not (0 < fx < math.inf and 0 < fy < math.inf):
-        raise ValueError(f"focal lengths must be positive, in pixels, got fx {fx}, fy {fy}")
-    if not all(math.isfinite(value) for value in others):
-        raise ValueError(f"lens parameters must be finite numbers, got {others}")
-
-
-def check_angle(max_angle: float) -> None:
-    """Refuse a largest angle off axis that is none.
-
-    Raises
-    ------
-    ValueError
-        If it is not in (0, pi].
-    """
-    if not 0 < max_angle <= math.pi:
-        raise ValueError(f"max_angle must be in (0, pi] radians, got {max_angle}")
 
 
 def inside_image(pixels: FloatArray, width: int, height: int) -> BoolArray:

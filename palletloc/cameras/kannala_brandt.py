@@ -10,15 +10,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from palletloc.cameras.image_area import blank_invalid, check_angle, check_lens, check_size, inside_image
+from palletloc.cameras.lens import Lens, check_angle
 from palletloc.cameras.odd_polynomial import OddPolynomial
-from palletloc.cameras.protocol import Projection, Rays
-from palletloc.geometry import FloatArray
+from palletloc.geometry import BoolArray, FloatArray
 
 
 @dataclass(frozen=True, slots=True)
-class KannalaBrandt:
-    """A fisheye whose optical axis is the camera's x, with the image's right at -y and its down at -z.
+class KannalaBrandt(Lens):
+    """A fisheye; its focal lengths are the pixels per radian on the axis.
 
     A point at the angle theta off axis appears at the radius
     ``theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8)`` times the focal length.
@@ -35,18 +34,6 @@ class KannalaBrandt:
     array([892.2, 499.5])
     """
 
-    width: int
-    """Image width in pixels."""
-    height: int
-    """Image height in pixels."""
-    fx: float
-    """Focal length along columns, in pixels per radian on the axis."""
-    fy: float
-    """Focal length along rows, in pixels per radian on the axis."""
-    cx: float
-    """Column of the optical axis."""
-    cy: float
-    """Row of the optical axis."""
     k1: float = 0.0
     """Coefficient of theta^3."""
     k2: float = 0.0
@@ -62,8 +49,7 @@ class KannalaBrandt:
     def __post_init__(self) -> None:
         """Refuse parameters that describe no lens."""
         coefficients = (self.k1, self.k2, self.k3, self.k4)
-        check_size(self.width, self.height)
-        check_lens(self.fx, self.fy, (self.cx, self.cy, *coefficients, self.max_angle))
+        self._check(*coefficients, self.max_angle)
         check_angle(self.max_angle)
         radius = OddPolynomial(coefficients)
         end = radius.increasing_until()
@@ -74,41 +60,22 @@ class KannalaBrandt:
             )
         object.__setattr__(self, "_radius", radius)
 
-    @property
-    def period_px(self) -> float | None:
-        """The image does not close around."""
-        return None
-
-    def project(self, points_camera: FloatArray) -> Projection:
-        """Project points to pixels. See `CameraModel.project`."""
-        points = np.asarray(points_camera, dtype=np.float64)
+    def _image(self, points: FloatArray) -> tuple[FloatArray, BoolArray]:
         forward, left, up = points[..., 0], points[..., 1], points[..., 2]
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            across = np.sqrt(left * left + up * up)
-            angle = np.arctan2(across, forward)
-            # Straight behind, and at the origin, every direction across is as good as any other.
-            valid = (angle <= self.max_angle) & ((across > 0) | (forward > 0))
-            scale = self._radius.factor(angle * angle)
-            scale *= angle / np.maximum(across, np.finfo(np.float64).tiny)
-            pixels = np.empty((*points.shape[:-1], 2))
-            pixels[..., 0] = self.cx - self.fx * scale * left
-            pixels[..., 1] = self.cy - self.fy * scale * up
-        valid &= inside_image(pixels, self.width, self.height)
-        valid &= np.isfinite(forward)
-        blank_invalid(pixels, valid)
-        return Projection(pixels, valid)
+        across = np.sqrt(left * left + up * up)
+        angle = np.arctan2(across, forward)
+        # Straight behind, and at the origin, every direction across is as good as any other.
+        valid = (angle <= self.max_angle) & ((across > 0) | (forward > 0)) & np.isfinite(forward)
+        scale = self._radius.factor(angle * angle)
+        scale *= angle / np.maximum(across, np.finfo(np.float64).tiny)
+        pixels = np.empty((*points.shape[:-1], 2))
+        pixels[..., 0] = self.cx - self.fx * scale * left
+        pixels[..., 1] = self.cy - self.fy * scale * up
+        return pixels, valid
 
-    def unproject(self, pixels: FloatArray) -> Rays:
-        """Return the rays that pixels look along. See `CameraModel.unproject`."""
-        pixels = np.asarray(pixels, dtype=np.float64)
-        seen = np.where(inside_image(pixels, self.width, self.height)[..., None], pixels, np.nan)
-        right, down = (seen[..., 0] - self.cx) / self.fx, (seen[..., 1] - self.cy) / self.fy
+    def _look(self, right: FloatArray, down: FloatArray) -> tuple[FloatArray, BoolArray]:
         radius = np.sqrt(right * right + down * down)
         angle = self._radius.inverse(radius, self.max_angle)
         across = np.sin(angle) / np.maximum(radius, np.finfo(np.float64).tiny)
         directions = np.stack([np.cos(angle), -across * right, -across * down], axis=-1)
-        return Rays(directions, np.zeros_like(directions), np.isfinite(angle))
-
-    def centers(self, points_camera: FloatArray) -> FloatArray:
-        """Return the optical centre, the origin, for each point. See `CameraModel.centers`."""
-        return np.zeros(np.shape(points_camera))
+        return directions, np.isfinite(angle)

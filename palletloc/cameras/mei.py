@@ -11,15 +11,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from palletloc.cameras.brown_distortion import BrownDistortion
-from palletloc.cameras.image_area import blank_invalid, check_angle, check_lens, check_size, inside_image
-from palletloc.cameras.protocol import Projection, Rays
-from palletloc.cameras.unified_sphere import UnifiedSphere, off_axis, reaches
-from palletloc.geometry import FloatArray
+from palletloc.cameras.lens import Lens, UnifiedSphere, check_angle, off_axis, reaches
+from palletloc.geometry import BoolArray, FloatArray
 
 
 @dataclass(frozen=True, slots=True)
-class Mei:
-    """A camera whose optical axis is its x, with the image's right at -y and its down at -z.
+class Mei(Lens):
+    """A camera whose focal lengths are ``1 + xi`` times the pixels per radian on the axis.
 
     A point on the unit sphere is seen from a centre ``xi`` behind, and its perspective image is distorted.
 
@@ -35,18 +33,6 @@ class Mei:
     array([899.5, 499.5])
     """
 
-    width: int
-    """Image width in pixels."""
-    height: int
-    """Image height in pixels."""
-    fx: float
-    """Focal length along columns, in pixels; ``1 + xi`` times the pixels per radian on the axis."""
-    fy: float
-    """The same along rows."""
-    cx: float
-    """Column of the optical axis."""
-    cy: float
-    """Row of the optical axis."""
     xi: float
     """How far behind the sphere's centre the second centre lies, in radii; not negative."""
     k1: float = 0.0
@@ -67,8 +53,7 @@ class Mei:
     def __post_init__(self) -> None:
         """Refuse parameters that describe no lens, and find how far it sees."""
         coefficients = (self.k1, self.k2, self.p1, self.p2)
-        check_size(self.width, self.height)
-        check_lens(self.fx, self.fy, (self.cx, self.cy, self.xi, *coefficients))
+        self._check(self.xi, *coefficients)
         check_angle(self.max_angle)
         if self.xi < 0:
             raise ValueError(f"xi must not be negative, got {self.xi}")
@@ -79,42 +64,21 @@ class Mei:
         object.__setattr__(self, "_limit", limit)
         object.__setattr__(self, "_max_radius", min(sphere.radius(limit) / (1 + self.xi), distortion.max_radius))
 
-    @property
-    def period_px(self) -> float | None:
-        """The image does not close around."""
-        return None
+    def _image(self, points: FloatArray) -> tuple[FloatArray, BoolArray]:
+        point = off_axis(points)
+        depth = point.forward + self.xi * point.distance
+        right, down = point.right / depth, point.down / depth
+        squared = right * right + down * down
+        valid = point.within(self._limit) & (squared <= self._max_radius**2)
+        right, down = self._distortion.apply(right, down, squared)
+        return np.stack([self.cx + self.fx * right, self.cy + self.fy * down], axis=-1), valid
 
-    def project(self, points_camera: FloatArray) -> Projection:
-        """Project points to pixels. See `CameraModel.project`."""
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            point = off_axis(np.asarray(points_camera, dtype=np.float64))
-            depth = point.forward + self.xi * point.distance
-            right, down = point.right / depth, point.down / depth
-            squared = right * right + down * down
-            valid = point.within(self._limit) & (squared <= self._max_radius**2)
-            right, down = self._distortion.apply(right, down, squared)
-            pixels = np.stack([self.cx + self.fx * right, self.cy + self.fy * down], axis=-1)
-        valid &= inside_image(pixels, self.width, self.height)
-        blank_invalid(pixels, valid)
-        return Projection(pixels, valid)
-
-    def unproject(self, pixels: FloatArray) -> Rays:
-        """Return the rays that pixels look along. See `CameraModel.unproject`."""
-        pixels = np.asarray(pixels, dtype=np.float64)
-        seen = np.where(inside_image(pixels, self.width, self.height)[..., None], pixels, np.nan)
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            right, down = self._distortion.invert(
-                (seen[..., 0] - self.cx) / self.fx, (seen[..., 1] - self.cy) / self.fy
-            )
-            squared = right * right + down * down
-            valid = reaches(squared, self._max_radius)
-            right, down = (1 + self.xi) * right, (1 + self.xi) * down
-            forward = self._sphere.forward((1 + self.xi) ** 2 * squared)
-            directions = np.stack([forward, -right, -down], axis=-1)
-            directions /= np.sqrt(right * right + down * down + forward * forward)[..., None]
-        blank_invalid(directions, valid)
-        return Rays(directions, np.zeros_like(directions), valid)
-
-    def centers(self, points_camera: FloatArray) -> FloatArray:
-        """Return the optical centre, the origin, for each point. See `CameraModel.centers`."""
-        return np.zeros(np.shape(points_camera))
+    def _look(self, right: FloatArray, down: FloatArray) -> tuple[FloatArray, BoolArray]:
+        right, down = self._distortion.invert(right, down)
+        squared = right * right + down * down
+        valid = reaches(squared, self._max_radius)
+        right, down = (1 + self.xi) * right, (1 + self.xi) * down
+        forward = self._sphere.forward((1 + self.xi) ** 2 * squared)
+        directions = np.stack([forward, -right, -down], axis=-1)
+        directions /= np.sqrt(right * right + down * down + forward * forward)[..., None]
+        return directions, valid

@@ -10,9 +10,11 @@ import numpy as np
 from palletloc.geometry import FloatArray
 
 _MAX_STEPS = 100
-# No lens sees farther off axis; a root beyond is as good as none.
+"""Newton steps; where the bracket has to be halved each time, 60 exhaust the precision of a float64."""
 _FAR = 2.0**32
+"""No lens sees farther off axis, in radians or focal lengths; a root beyond is as good as none."""
 _ROUNDING = 4 * float(np.finfo(np.float64).eps)
+"""Relative size of what rounding leaves of a value."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,24 +17,23 @@ from rich.text import Text
 from palletloc.cli.evaluate_batch import Workers, evaluate_batch
 from palletloc.errors import PalletLocError
 from palletloc.evaluation.batch import find_jobs
-from palletloc.evaluation.errors import Sight
-from palletloc.evaluation.estimate_error import COMPONENTS, offsets
-from palletloc.evaluation.evaluated_recording import evaluate_recording, write_results
-from palletloc.evaluation.evaluated_run import (
+from palletloc.evaluation.metrics import METRICS
+from palletloc.evaluation.pose_error import COMPONENTS, Visibility, offsets
+from palletloc.evaluation.recording import evaluate_recording, write_results
+from palletloc.evaluation.requirement import Requirement
+from palletloc.evaluation.run import (
     INTERPOLATED_LIMIT,
+    ComparedRuns,
     EvaluatedRun,
     EvaluatedSource,
+    RunFiles,
     Settings,
+    read_run,
 )
-from palletloc.evaluation.metrics import METRICS
-from palletloc.evaluation.proportion import Proportion
-from palletloc.evaluation.requirement import Requirement
-from palletloc.evaluation.run_files import RunFiles, read_run
 from palletloc.evaluation.run_match import NEAREST_LIMIT
-from palletloc.evaluation.side_by_side import ComparedRuns
-from palletloc.evaluation.survey_document import survey_notes
+from palletloc.evaluation.statistics import Proportion
 from palletloc.evaluation.time_pairing import TimeRule
-from palletloc.evaluation.truth import RecordingTruth, read_recording_truth
+from palletloc.evaluation.truth import RecordingTruth, read_recording_truth, survey_notes
 from palletloc.io.recording import Recording
 
 _NOTES = 8
@@ -72,7 +71,7 @@ def evaluate(
     ] = None,
     max_range: Annotated[
         float, typer.Option(metavar="M", help="Farthest pallet that has to be found, in metres.")
-    ] = Sight().max_range,
+    ] = Visibility().max_range,
     pair: Annotated[TimeRule, typer.Option(help="How the truth is taken for a shot's time.")] = TimeRule.NEAREST,
     pair_limit: Annotated[
         float | None,
@@ -160,7 +159,7 @@ def _settings(
             raise typer.BadParameter(f"expected a positive number, got {value:g}", param_hint=name)
     limit = millimetres / 1000
     requirement = Requirement(depth=limit, along=limit, height=limit, yaw=math.radians(yaw_deg))
-    return Settings(Sight(max_range=max_range), pair, pair_limit, stop_limit, requirement)
+    return Settings(Visibility(max_range=max_range), pair, pair_limit, stop_limit, requirement)
 
 
 def _read_runs(folders: Sequence[Path], recording: Recording) -> list[RunFiles]:

@@ -14,10 +14,16 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 from rich.text import Text
 
-from palletloc.evaluation.batch import BatchJob, BatchResult, SourceTotals, batch_document, pooled
-from palletloc.evaluation.cluster import evaluate_in_parallel
-from palletloc.evaluation.errors import EvaluationError
+from palletloc.evaluation.batch import (
+    BatchJob,
+    BatchResult,
+    SourceTotals,
+    batch_document,
+    evaluate_in_parallel,
+    pooled,
+)
 from palletloc.evaluation.metrics import metrics_text
+from palletloc.evaluation.pose_error import EvaluationError
 from palletloc.evaluation.requirement import Requirement, check_requirement
 from palletloc.io.atomic import write_text
 

@@ -21,12 +21,25 @@ MEASURED, STARTED, REFUSED = "#29e35b", "#ffd21f", "#ff4d7d"
 """On photographs: what was measured, what it began with, and what was given up."""
 SERIES = ("#0b6bcb", "#c2410c", "#15803d", "#7e22ce", "#a16207", "#0e7490")
 """On paper: one colour after another."""
+SIGMA, DEGREE, PLUS_MINUS, TIMES, MINUS = (
+    "\N{GREEK SMALL LETTER SIGMA}",
+    "\N{DEGREE SIGN}",
+    "\N{PLUS-MINUS SIGN}",
+    "\N{MULTIPLICATION SIGN}",
+    "\N{MINUS SIGN}",
+)
+"""Signs that pages and tables write."""
 WIDTH_PX, DPI = 1280, 100
 """Every figure is as wide as a page on a screen."""
 LEGEND_ROW_PX = 22
 """Height of one row of keys."""
 _DARK, _BRIGHT, _MOST_GAIN = 120.0, 220.0, 6.0
 """Gray level of the brightest parts below which a view is shown brighter, what they become, and the most gain."""
+
+
+def halo(linewidth: float) -> withStroke:
+    """Return a dark border around what is drawn on photographs, so many points wide."""
+    return withStroke(linewidth=linewidth, foreground="#101214")
 
 
 def new_figure(height_px: float) -> Figure:
@@ -151,7 +164,7 @@ def add_legend(figure: Figure, top: float, *axes: Axes, columns: int = 5) -> Non
     columns : int
         Most keys side by side.
     """
-    keys = [one.get_legend_handles_labels() for one in axes]
+    keys = [panel.get_legend_handles_labels() for panel in axes]
     unique = {label: handle for key in keys for handle, label in zip(*key, strict=True)}
     if not unique:
         return

@@ -25,6 +25,7 @@ _LEAST_SHARE = 0.2
 _HEADING = 0.6
 """Length of the line that shows where a pallet faces, in metres."""
 _BLACK = (20, 20, 20)
+"""Around curves and behind labels, blue-green-red."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,15 +14,21 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch, Rectangle
 
+from palletloc.drawing.canvas import TIMES
 from palletloc.pallet import Opening, PalletModel
 
 _INK, _FAINT, _DARK = "#2b2b2b", "#7a7a7a", "#3b4048"
+"""Texts and outlines, what is less important, and openings."""
 _FILL = {True: "#dcb98a", False: "#eee8dc"}
+"""Of a face, by whether its dimensions are confirmed."""
 _MARK = {True: ("confirmed", "#2e7d32"), False: ("unconfirmed", "#c0561a")}
-_MAX_SCALE, _MAX_WIDTH = 3.4, 18.0  # inches per metre, inches
-_TIMES = "\N{MULTIPLICATION SIGN}"
+"""Word and colour for the same."""
+_MAX_SCALE, _MAX_WIDTH = 3.4, 18.0
+"""Largest scale in inches per metre, and largest width of the page in inches."""
 _DPI = 130
+"""Pixels per inch: the smallest texts can be read."""
 _NAME_PT, _TEXT_PT, _DIMENSION_PT = 10.0, 7.5, 6.5
+"""Sizes of names, texts and dimensions, in points."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -247,7 +253,7 @@ class _FaceDrawing:
             size=_TEXT_PT,
             color=color,
         )
-        size = f"{model.width * 1000:g} {_TIMES} {model.height * 1000:g}, {model.depth * 1000:g} deep"
+        size = f"{model.width * 1000:g} {TIMES} {model.height * 1000:g}, {model.depth * 1000:g} deep"
         line = f"{size} · edge radius {model.edge_radius * 1000:g} · tolerance {model.tolerance * 1000:g}"
         self.axes.text(left, top + 0.14, line, size=_TEXT_PT, color=_FAINT)
         characters = max(int(self.text_width * 72 / (0.56 * _DIMENSION_PT)), 20)

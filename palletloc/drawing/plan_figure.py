@@ -10,10 +10,14 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Polygon
 
 from palletloc.drawing.canvas import (
+    DEGREE,
     FAINT,
     GRID,
     INK,
+    MINUS,
     SERIES,
+    SIGMA,
+    TIMES,
     WIDTH_PX,
     add_axes,
     add_legend,
@@ -28,17 +32,22 @@ from palletloc.shelf import ShelfPlane
 Placed = tuple[str, PalletModel, LevelPose, FloatArray]
 """A pallet's name, model, ``forklift_from_pallet`` and (4, 4) covariance."""
 
-_LEFT, _RIGHT, _HEAD, _FOOT = 70, 20, 72, 84  # in pixels
+_LEFT, _RIGHT, _HEAD, _FOOT = 70, 20, 72, 84
+"""Borders of the map, in pixels."""
 _LEAST_PX, _MOST_PX = 380, 640
-_AROUND = 0.6  # metres
-_WHISKER = 0.9  # metres
+"""Least and most height of the map, in pixels."""
+_AROUND = 0.6
+"""Room around what is drawn, in metres."""
+_WHISKER = 0.9
+"""Length of a fan, in metres: to be seen beside its pallet, and short of the next."""
 _MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100)
+"""Factors by which ellipses and fans may be drawn larger: those that people read easily."""
 _CLEAR, _LARGEST = 0.12, 0.5
 """Half axis of three standard deviations that is easy to see, and the most that magnifying makes of it, in metres."""
 _CLEAR_FAN, _LARGEST_FAN = 0.05, 0.35
 """The same for half the angle of a fan, in radians."""
-_TIMES = "\N{MULTIPLICATION SIGN}"
-_ROW, _TABLE_HEAD = 22, 30  # in pixels
+_ROW, _TABLE_HEAD = 22, 30
+"""Height of a row of the table and of its head, in pixels."""
 _COLUMNS = (
     ("pallet", 10, "left"),
     ("height m", 170, "right"),
@@ -46,9 +55,9 @@ _COLUMNS = (
     ("left m", 360, "right"),
     ("long half axis mm", 510, "right"),
     ("short half axis mm", 660, "right"),
-    ("height \N{GREEK SMALL LETTER SIGMA} mm", 780, "right"),
-    ("yaw \N{DEGREE SIGN}", 880, "right"),
-    ("yaw \N{GREEK SMALL LETTER SIGMA} \N{DEGREE SIGN}", 980, "right"),
+    (f"height {SIGMA} mm", 780, "right"),
+    (f"yaw {DEGREE}", 880, "right"),
+    (f"yaw {SIGMA} {DEGREE}", 980, "right"),
     ("ellipse drawn", 1085, "right"),
     ("fan drawn", 1170, "right"),
 )
@@ -98,7 +107,7 @@ def plan_figure(pallets: Sequence[Placed], mounting: Mounting, shelf: ShelfPlane
         _draw_shelf(axes, shelf)
     _draw_forklift(axes, mounting)
     names: list[FloatArray] = []
-    for i, pallet in enumerate(sorted(pallets, key=lambda one: one[2].x)):
+    for i, pallet in enumerate(sorted(pallets, key=lambda pallet: pallet[2].x)):
         _draw_pallet(axes, pallet, SERIES[i % len(SERIES)])
         names.append(_write_name(axes, pallet, SERIES[i % len(SERIES)], names, 150 / scale))
     add_text(figure, _LEFT, 14, "The aisle from above, in the forklift's frame", size=13, bold=True)
@@ -190,7 +199,9 @@ def _draw_table(figure: Figure, top: float, pallets: Sequence[Placed]) -> None:
     axes.set(xlim=(0, width), ylim=(len(pallets) + 0.5, -0.5))
     axes.set_axis_off()
     axes.axhline(0.5, color=GRID, linewidth=1.2)
-    colors = {one[0]: SERIES[i % len(SERIES)] for i, one in enumerate(sorted(pallets, key=lambda one: one[2].x))}
+    colors = {
+        pallet[0]: SERIES[i % len(SERIES)] for i, pallet in enumerate(sorted(pallets, key=lambda pallet: pallet[2].x))
+    }
     for title, at, align in _COLUMNS:
         axes.text(at, 0, title, ha=align, va="center", size=9.5, color=FAINT)
     for row, (name, _, pose, covariance) in enumerate(pallets, start=1):
@@ -199,12 +210,12 @@ def _draw_table(figure: Figure, top: float, pallets: Sequence[Placed]) -> None:
         values = (round(value, 3) + 0.0 for value in (pose.z, pose.x, pose.y))
         cells = [name, *(f"{value:.3f}" for value in values), f"{long:.1f}", f"{short:.1f}", f"{rise:.1f}"]
         cells += [f"{np.degrees(pose.yaw):.2f}", f"{turn:.3f}"]
-        cells += [f"{_TIMES} {times}" for times in _magnifications(covariance)]
+        cells += [f"{TIMES} {times}" for times in _magnifications(covariance)]
         for cell, (_, at, align) in zip(cells, _COLUMNS, strict=True):
             text = axes.text(
                 at,
                 row,
-                cell.replace("-", "\N{MINUS SIGN}"),
+                cell.replace("-", MINUS),
                 ha=align,
                 va="center",
                 size=9.5,

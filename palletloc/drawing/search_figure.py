@@ -11,37 +11,43 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
-from matplotlib.patheffects import withStroke
 
-from palletloc.candidate import Candidate
+from palletloc.candidate import Candidate, Fit, Refusal, last_step
 from palletloc.drawing.canvas import (
+    DEGREE,
     INK,
     MEASURED,
+    PLUS_MINUS,
     REFUSED,
     STARTED,
     WIDTH_PX,
     add_axes,
     add_legend,
     add_text,
+    halo,
     new_figure,
     show_view,
 )
-from palletloc.drawing.naming import given_up
 from palletloc.drawing.outline import face_outline
+from palletloc.explained import SearchAxes, given_up
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.refinement.patch import FacePatch
 from palletloc.refinement.search import Search
-from palletloc.search_axes import SearchAxes
 
 PEAK = "#38d3ff"
 """On photographs: a hypothesis."""
-_DEGREE, _PM = "\N{DEGREE SIGN}", "\N{PLUS-MINUS SIGN}"
-_HALO = withStroke(linewidth=3.2, foreground="#101214")
+_HALO = halo(3.2)
+"""Around lines and numbers on photographs and maps."""
 _COLORS = "cividis"
-_LEFT, _RIGHT, _HEAD, _TITLE, _AXIS, _FOOT = 76, 20, 72, 24, 46, 30  # in pixels
+"""Matplotlib's map of colours, even for people who see few of them."""
+_LEFT, _RIGHT, _HEAD, _TITLE, _AXIS, _FOOT = 76, 20, 72, 24, 46, 30
+"""Borders of the page, room for a title and an axis, in pixels."""
 _MAP, _MAP_HIGH, _FINER_HIGH, _BAR, _GAP = 440, 364, 230, 14, 66
+"""Width and height of the map, height of closer maps, width of the bar of colours, gap between axes, in pixels."""
 _VIEWS_LEFT = _LEFT + _MAP + _BAR + 146
+"""Left border of the views beside the map, in pixels."""
 _VIEW_HIGH, _FINER_VIEW_HIGH = 150, 190
+"""Most height of a view beside the map, and below closer maps, in pixels."""
 _BELOW_VIEW = 46
 """From one view to the title of that below it, in pixels."""
 _TOGETHER_PX = 26.0
@@ -67,14 +73,14 @@ class _Result:
         return "fitted pose, given up" if self.refused else "final pose"
 
 
-def search_figure(name: str, candidate: Candidate) -> Figure:
+def search_figure(name: str, outcome: Fit | Refusal) -> Figure:
     """Draw the hypotheses that a candidate's pose was found among.
 
     Parameters
     ----------
     name : str
         Of the candidate.
-    candidate : Candidate
+    outcome : Fit or Refusal
         With a search.
 
     Returns
@@ -89,14 +95,15 @@ def search_figure(name: str, candidate: Candidate) -> Figure:
     ValueError
         Where no hypotheses were scored.
     """
-    found = candidate.search
+    candidate, found = outcome.candidate, last_step(outcome, Search)
     if found is None:
         raise ValueError(f"candidate {name} has no hypotheses to draw")
-    result = _Result(candidate.pose, candidate.covariance, candidate.refusal is not None)
-    finer = sorted(found.finer, key=lambda one: -one.found.peaks[0].score)
+    fit = outcome.fit
+    result = _Result(fit.pose, fit.covariance, isinstance(outcome, Refusal)) if fit else _Result(None, None, True)
+    finer = _best_first(found)
     rows = [_MAP_HIGH] + ([_FINER_HIGH, _views_height(finer[0])] if finer else [])
     figure = new_figure(_HEAD + sum(rows) + (_TITLE + _AXIS) * len(rows) + _FOOT)
-    title = f"{name}: where {candidate.model.name} may stand, scored in the image{given_up(candidate)}"
+    title = f"{name}: where {candidate.model.name} may stand, scored in the image{given_up(outcome)}"
     add_text(figure, _LEFT, 14, title, size=13, bold=True)
     add_text(figure, _LEFT, 40, _meaning(found), size=10.5)
     scale = Normalize(*_score_range([found, *finer]))
@@ -108,7 +115,7 @@ def search_figure(name: str, candidate: Candidate) -> Figure:
     bar.tick_params(labelsize=9)
     _draw_views(figure, *_beside_map(found.patch, top), found, candidate, result)
     if finer:
-        _draw_finer(figure, top + _MAP_HIGH + _AXIS + _TITLE, finer, candidate, result, scale)
+        _draw_finer(figure, top + _MAP_HIGH + _AXIS + _TITLE, found, candidate, result, scale)
     add_legend(figure, figure.get_size_inches()[1] * 100 - _FOOT + 2, *figure.axes, columns=6)
     return figure
 
@@ -122,7 +129,7 @@ def _meaning(found: Search) -> str:
 
 
 def _score_range(searches: Sequence[Search]) -> tuple[float, float]:
-    tables = [one.found.score for one in searches]
+    tables = [search.found.score for search in searches]
     low, high = min(float(table.min()) for table in tables), max(float(table.max()) for table in tables)
     return low, max(high, low + 1e-3)
 
@@ -142,7 +149,7 @@ def _draw_map(
     on, grid = SearchAxes.of(found.patch), found.found.grid
     yaws, ranges = np.degrees(on.yaws(grid.turns)), on.ranges(grid.ranges)
     axes.pcolormesh(ranges, yaws, found.found.score, cmap=_COLORS, norm=scale, shading="nearest")
-    axes.set(xlabel="distance from the camera (m)", ylabel=f"yaw ({_DEGREE})", facecolor="#eef0f3")
+    axes.set(xlabel="distance from the camera (m)", ylabel=f"yaw ({DEGREE})", facecolor="#eef0f3")
     peaks = [on.place(peak.pose) for peak in found.found.peaks]
     points = [*peaks, *([] if result.pose is None else [on.place(result.pose)])]
     if start is not None:
@@ -201,7 +208,9 @@ def _mark_result(axes: Axes, on: SearchAxes, result: _Result, *, is_keyed: bool)
         unit = np.diag([180 / np.pi, 1.0])
         covariance = (unit @ on.covariance(result.covariance) @ unit)[::-1, ::-1]
         reach = 2 * np.sqrt(np.diag(covariance))
-        label += f" {_PM} {1000 * reach[0]:.0f} mm, {_PM} {reach[1]:.2f}{_DEGREE} (two standard deviations)"
+        label += (
+            f" {PLUS_MINUS} {1000 * reach[0]:.0f} mm, {PLUS_MINUS} {reach[1]:.2f}{DEGREE} (two standard deviations)"
+        )
         pixels = np.abs(axes.transData.transform(at + reach) - axes.transData.transform(at))
         ring = bool(pixels.max() < 2 * _SMALL_PX)
         if not ring:
@@ -222,14 +231,20 @@ def _draw_ellipse(axes: Axes, at: tuple[float, float], covariance: FloatArray, c
         axes.add_patch(Ellipse(at, major, minor, angle=angle, fill=False, edgecolor=ink, linewidth=line, zorder=2.5))
 
 
+def _best_first(found: Search) -> list[Search]:
+    """Return the searches around the peaks, that with the best peak first."""
+    return sorted(found.finer, key=lambda search: -search.found.peaks[0].score)
+
+
 def _draw_finer(
-    figure: Figure, top: float, finer: Sequence[Search], candidate: Candidate, result: _Result, scale: Normalize
+    figure: Figure, top: float, found: Search, candidate: Candidate, result: _Result, scale: Normalize
 ) -> None:
+    finer = _best_first(found)
     width = (WIDTH_PX - _LEFT - _RIGHT - (len(finer) - 1) * _GAP) / max(len(finer), 2)
-    order = {id(one): i for i, one in enumerate(candidate.search.finer if candidate.search else (), start=1)}
-    for i, one in enumerate(finer):
+    order = {id(search): i for i, search in enumerate(found.finer, start=1)}
+    for i, search in enumerate(finer):
         place = (_LEFT + i * (width + _GAP), top, width, _FINER_HIGH)
-        _draw_map(figure, place, one, None, result, scale, f"Closer view {order[id(one)]}, around a peak")
+        _draw_map(figure, place, search, None, result, scale, f"Closer view {order[id(search)]}, around a peak")
     below = top + _FINER_HIGH + _AXIS + _TITLE
     half = (WIDTH_PX - _LEFT - _RIGHT - _GAP) / 2
     size = _size(finer[0].patch, half, _FINER_VIEW_HIGH)

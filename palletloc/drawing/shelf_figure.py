@@ -8,11 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patheffects import withStroke
 
-from palletloc.candidate import Candidate
+from palletloc.candidate import Fit, Refusal
 from palletloc.drawing.canvas import (
+    DPI,
+    FAINT,
     GRID,
+    INK,
     MEASURED,
     REFUSED,
     SERIES,
@@ -20,23 +22,31 @@ from palletloc.drawing.canvas import (
     add_axes,
     add_legend,
     add_text,
+    halo,
     new_figure,
     show_view,
 )
-from palletloc.drawing.labels import Label, write_labels
-from palletloc.drawing.naming import Named
 from palletloc.drawing.outline import place_outline, seen_on_plane
+from palletloc.explained import Named
 from palletloc.geometry import FloatArray
 from palletloc.plane import PlaneView
 from palletloc.shelf_view import ShelfView
 
-Outlined = tuple[str, Candidate, list[FloatArray]]
-"""A candidate's name, the candidate, and the lines of its face as a view shows them."""
+Outlined = tuple[str, Fit | Refusal, list[FloatArray]]
+"""A candidate's name, what became of it, and the lines of its face as a view shows them."""
 
-_HALO = withStroke(linewidth=2.5, foreground="#101214")
-_ABOVE, _BELOW, _BESIDE = 0.40, 0.30, 0.5  # space around the outlines, in metres
+_HALO = halo(2.5)
+"""Around names on the views."""
+_ABOVE, _BELOW, _BESIDE = 0.40, 0.30, 0.5
+"""Space around the outlines, in metres."""
 _LEAST_WIDTH = 4.0
-_LEFT, _RIGHT, _HEAD, _CHART, _GAP, _FOOT = 62, 20, 50, 150, 34, 44  # in pixels
+"""Least width of what is drawn of the shelf, in metres: a lone pallet keeps its surroundings."""
+_LEFT, _RIGHT, _HEAD, _CHART, _GAP, _FOOT = 62, 20, 50, 150, 34, 44
+"""Borders of the page, height of a chart of scores, gap between axes, in pixels."""
+_POINT_PX, _GAP_PX = 10.0, 3.0
+"""Side of the square that a point takes, and its distance from a name."""
+_SIDES = ((1, 1), (-1, 1), (1, -1), (-1, -1), (1, 0), (-1, 0), (0, 1), (0, -1))
+"""Directions in which a name is tried, the best first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,8 +78,8 @@ def shelf_figure(views: Sequence[ShelfView], candidates: Named) -> Figure:
     ----------
     views : sequence of ShelfView
         A band for each known level, or the whole plane.
-    candidates : sequence of (str, Candidate)
-        With their names.
+    candidates : sequence of (str, Fit or Refusal)
+        What became of them, with their names.
 
     Returns
     -------
@@ -80,7 +90,7 @@ def shelf_figure(views: Sequence[ShelfView], candidates: Named) -> Figure:
     width = WIDTH_PX - _LEFT - _RIGHT
     heights = [band.height * width / band.width for band in bands]
     figure = new_figure(_HEAD + sum(heights) + len(bands) * (_CHART + 2 * _GAP) + _FOOT)
-    found = sum(candidate.refusal is None for _, candidate in candidates)
+    found = sum(isinstance(outcome, Fit) for _, outcome in candidates)
     title = f"Nominal front plane of the shelf: {len(candidates)} places tried, {found} pallets found"
     add_text(figure, _LEFT, 14, title, size=13, bold=True)
     top = float(_HEAD)
@@ -98,12 +108,12 @@ def shelf_figure(views: Sequence[ShelfView], candidates: Named) -> Figure:
 def _bands(views: Sequence[ShelfView], candidates: Named) -> list[_Band]:
     """Give each view its candidates, and all views the same stretch of the shelf."""
     drawn: list[list[Outlined]] = [[] for _ in views]
-    for name, candidate in candidates:
-        shown = [_on_view(seen, candidate) for seen in views]
+    for name, outcome in candidates:
+        shown = [_on_view(seen, outcome) for seen in views]
         shares = [_share_inside(seen, lines) for seen, lines in zip(views, shown, strict=True)]
         best = int(np.argmax(shares))
         if shares[best] > 0:
-            drawn[best].append((name, candidate, shown[best]))
+            drawn[best].append((name, outcome, shown[best]))
     rights = [line[:, 0] for outlines in drawn for _, _, lines in outlines for line in lines]
     low, high = _extremes(rights, (0.0, 0.0))
     slack = max(_BESIDE, (_LEAST_WIDTH - (high - low)) / 2)
@@ -137,14 +147,14 @@ def _extremes(values: Sequence[FloatArray], otherwise: tuple[float, float]) -> t
     return float(np.nanmin(every)), float(np.nanmax(every))
 
 
-def _on_view(seen: ShelfView, candidate: Candidate) -> list[FloatArray]:
+def _on_view(seen: ShelfView, outcome: Fit | Refusal) -> list[FloatArray]:
     """Return the lines of a candidate's face as the view shows them."""
     plane_from_forklift = seen.forklift_from_plane.inv()
     plane_from_camera = np.asarray(seen.view.camera_from_plane.inv().translation)
-    pose = candidate.start if candidate.refusal or candidate.pose is None else candidate.pose
+    pose = outcome.pose if isinstance(outcome, Fit) else outcome.candidate.start
     return [
         seen_on_plane(plane_from_forklift.apply(line), plane_from_camera)
-        for line in place_outline(candidate.model, pose)
+        for line in place_outline(outcome.candidate.model, pose)
     ]
 
 
@@ -163,8 +173,8 @@ def _draw_view(axes: Axes, band: _Band) -> None:
     axes.set(xlim=(left, right), ylim=(bottom, top), ylabel="height (m)")
     axes.plot([], [], color=MEASURED, linewidth=2.5, label="pallet, as measured")
     axes.plot([], [], color=REFUSED, linewidth=1.3, linestyle="--", label="given up, as detected")
-    for name, candidate, lines in sorted(band.outlines, key=lambda one: one[1].refusal is None):
-        found = candidate.refusal is None
+    for name, outcome, lines in sorted(band.outlines, key=lambda outlined: isinstance(outlined[1], Fit)):
+        found = isinstance(outcome, Fit)
         color, width, style = (MEASURED, 2.0, "-") if found else (REFUSED, 0.9, "--")
         for line in lines:
             axes.plot(*line.T, color=color, linewidth=width, linestyle=style, clip_on=True)
@@ -179,13 +189,75 @@ def _draw_scores(axes: Axes, band: _Band) -> None:
     """Draw the score of each place over its middle."""
     axes.grid(color=GRID, linewidth=0.6)
     axes.set_axisbelow(True)
-    scores = [candidate.score for _, candidate, _ in band.outlines] or [0.0, 1.0]
+    scores = [outcome.candidate.score for _, outcome, _ in band.outlines] or [0.0, 1.0]
     low, high = min(scores) - 0.06, max(scores) + 0.16
     axes.set(xlim=band.limits[:2], ylim=(low, high), ylabel="score of detection")
     labels = []
-    for name, candidate, lines in band.outlines:
-        place, found = float(np.nanmean(np.concatenate(lines)[:, 0])), candidate.refusal is None
+    for name, outcome, lines in band.outlines:
+        place, found = float(np.nanmean(np.concatenate(lines)[:, 0])), isinstance(outcome, Fit)
         mark, color = ("o", SERIES[2]) if found else ("x", REFUSED)
-        axes.plot(place, candidate.score, mark, color=color, markersize=6)
-        labels.append(Label(place, candidate.score, name, found))
+        axes.plot(place, outcome.candidate.score, mark, color=color, markersize=6)
+        labels.append(Label(place, outcome.candidate.score, name, found))
     write_labels(axes, labels)
+
+
+@dataclass(frozen=True, slots=True)
+class Label:
+    """A point and its name."""
+
+    x: float
+    """In the chart's unit."""
+    y: float
+    """In the chart's unit."""
+    text: str
+    """The name."""
+    important: bool = False
+    """Whether it is placed first and written large, and stays even where there is no room."""
+
+
+def write_labels(axes: Axes, labels: Sequence[Label]) -> None:
+    """Write names beside their points; one that finds no room is left out.
+
+    Parameters
+    ----------
+    axes : Axes
+        With its final limits and place.
+    labels : sequence of Label
+        All points of the chart.
+    """
+    places = axes.transData.transform([(label.x, label.y) for label in labels] or np.zeros((0, 2)))
+    taken = [_box(place, (_POINT_PX, _POINT_PX)) for place in places]
+    for label, place in sorted(zip(labels, places, strict=True), key=lambda pair: not pair[0].important):
+        size, weight, color = (10, "bold", INK) if label.important else (8, "normal", FAINT)
+        extent = (0.72 * len(label.text) * size * DPI / 72, 1.15 * size * DPI / 72)
+        center = _free_place(axes, place, extent, taken)
+        if center is None and not label.important:
+            continue
+        middle = place + np.array([0.0, 14.0]) if center is None else center
+        taken.append(_box(middle, extent))
+        x, y = axes.transData.inverted().transform(middle)
+        axes.text(x, y, label.text, ha="center", va="center", size=size, weight=weight, color=color)
+
+
+def _free_place(
+    axes: Axes, point: FloatArray, extent: tuple[float, float], taken: Sequence[FloatArray]
+) -> FloatArray | None:
+    """Return the middle of a name beside a point that covers nothing, None where there is none."""
+    reach = np.array(extent) / 2 + _POINT_PX / 2 + _GAP_PX
+    window = np.array(axes.bbox.extents)
+    for side in _SIDES:
+        center = point + np.array(side) * reach
+        box = _box(center, extent)
+        inside = (box[:2] >= window[:2]).all() and (box[2:] <= window[2:]).all()
+        if inside and not any(_overlap(box, other) for other in taken):
+            return np.asarray(center)
+    return None
+
+
+def _box(center: FloatArray, extent: tuple[float, float]) -> FloatArray:
+    half = np.array(extent) / 2
+    return np.concatenate([center - half, center + half])
+
+
+def _overlap(first: FloatArray, other: FloatArray) -> bool:
+    return bool((first[:2] < other[2:]).all() and (other[:2] < first[2:]).all())

@@ -1,8 +1,10 @@
-"""Many recordings, each evaluated on its own, and all of them together."""
+"""Many recordings, each evaluated on its own, in parallel on Dask, and all of them together."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import logging
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,20 +12,22 @@ from typing import Any
 import numpy as np
 
 from palletloc.errors import PalletLocError
-from palletloc.evaluation.consistency import chi_square_check
-from palletloc.evaluation.error_table import ERRORS
-from palletloc.evaluation.errors import EvaluationError
-from palletloc.evaluation.estimate_error import COMPONENTS, offsets
-from palletloc.evaluation.evaluated_recording import EvaluatedRecording, evaluate_recording, write_results
-from palletloc.evaluation.evaluated_run import EvaluatedRun, Settings
 from palletloc.evaluation.metrics import METRICS, check_document
-from palletloc.evaluation.proportion import clopper_pearson
+from palletloc.evaluation.pose_error import COMPONENTS, EvaluationError, offsets
+from palletloc.evaluation.recording import ERRORS, EvaluatedRecording, evaluate_recording, write_results
 from palletloc.evaluation.requirement import Requirement, check_requirement
-from palletloc.evaluation.run_files import read_run
-from palletloc.evaluation.spread import spread
+from palletloc.evaluation.run import EvaluatedRun, Settings, read_run
+from palletloc.evaluation.statistics import chi_square_check, clopper_pearson, spread
 from palletloc.evaluation.truth import read_recording_truth
 from palletloc.geometry import FloatArray
 from palletloc.io.recording import RECORDING
+
+CONNECT_TIMEOUT = 10.0
+"""How long to wait for a scheduler, in seconds."""
+
+
+class ClusterError(PalletLocError):
+    """Dask is not installed, or its scheduler cannot be reached."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +133,7 @@ def _evaluated(
     files = [read_run(job.recording / name, truth.recording, name) for name in job.estimates]
     evaluated = evaluate_recording(truth, files, job.settings)
     write_results(evaluated, job.out, others(evaluated) if others else None)
-    return tuple(one for run in evaluated.runs for one in _totals(run))
+    return tuple(totals for run in evaluated.runs for totals in _totals(run))
 
 
 def _totals(run: EvaluatedRun) -> list[SourceTotals]:
@@ -138,7 +142,7 @@ def _totals(run: EvaluatedRun) -> list[SourceTotals]:
             run.files.name,
             name,
             offsets(source.errors),
-            np.array([one.nees_with_truth for one in source.errors]),
+            np.array([error.nees_with_truth for error in source.errors]),
             source.detection.shots,
             source.detection.found.trials,
             source.detection.false,
@@ -147,46 +151,118 @@ def _totals(run: EvaluatedRun) -> list[SourceTotals]:
     ]
 
 
+def evaluate_in_parallel(
+    jobs: Sequence[BatchJob],
+    workers: int | None = None,
+    scheduler: str | None = None,
+    work: Callable[[BatchJob], BatchResult] = evaluate_job,
+) -> Iterator[BatchResult]:
+    """Evaluate recordings and give the results as they come.
+
+    Parameters
+    ----------
+    jobs : sequence of BatchJob
+        What to do. Other machines have to see the same folders under the same paths.
+    workers : int, optional
+        How many processes of our own to start, reachable from this machine only; as many as there are processors if
+        left out.
+    scheduler : str, optional
+        Address of a scheduler to use instead, like ``tcp://127.0.0.1:8786``.
+    work : callable
+        What a worker does with a job.
+
+    Yields
+    ------
+    BatchResult
+        One for each job; a worker that dies is the problem of its job alone.
+
+    Raises
+    ------
+    ClusterError
+        If Dask is not installed or the scheduler cannot be reached.
+    """
+    try:
+        from distributed import Client, LocalCluster, as_completed  # an extra, and slow to import
+    except ImportError:
+        raise ClusterError(
+            "--batch needs dask.distributed; expected it to be installed: python -m pip install 'palletloc[batch]'"
+        ) from None
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what fails is told by the results
+    if scheduler is not None:
+        try:
+            client = Client(scheduler, timeout=CONNECT_TIMEOUT)
+        except (OSError, ValueError) as error:
+            told = " ".join(str(error).split()) or type(error).__name__
+            raise ClusterError(f"--scheduler {scheduler}: cannot be reached: {told}") from None
+        with client:
+            yield from _results(client, as_completed, jobs, work)
+        return
+    count = min(workers or os.cpu_count() or 1, len(jobs))
+    cluster = LocalCluster(
+        n_workers=count,
+        threads_per_worker=1,
+        host="127.0.0.1",
+        dashboard_address="127.0.0.1:0",
+        silence_logs=logging.CRITICAL,
+    )
+    with cluster, Client(cluster) as client:
+        yield from _results(client, as_completed, jobs, work)
+
+
+def _results(
+    client: Any, as_completed: Any, jobs: Sequence[BatchJob], work: Callable[[BatchJob], BatchResult]
+) -> Iterator[BatchResult]:
+    futures = client.map(work, jobs, pure=False)
+    names = {future.key: job.recording.name for future, job in zip(futures, jobs, strict=True)}
+    for future in as_completed(futures):
+        error = future.exception()
+        if error is None:
+            yield future.result()
+        else:
+            told = " ".join(f"{type(error).__name__}: {error}".split())
+            yield BatchResult(names[future.key], problem=told)
+
+
 def pooled(results: Iterable[BatchResult]) -> tuple[SourceTotals, ...]:
     """Return the totals of all recordings together, for each run and source."""
     groups: dict[tuple[str, str], list[SourceTotals]] = {}
     for result in results:
-        for one in result.totals:
-            groups.setdefault((one.run, one.source), []).append(one)
+        for totals in result.totals:
+            groups.setdefault((totals.run, totals.source), []).append(totals)
     return tuple(
         SourceTotals(
             run,
             source,
-            np.concatenate([one.offsets for one in group]),
-            np.concatenate([one.nees for one in group]),
-            sum(one.shots for one in group),
-            sum(one.visible for one in group),
-            sum(one.false for one in group),
+            np.concatenate([totals.offsets for totals in group]),
+            np.concatenate([totals.nees for totals in group]),
+            sum(totals.shots for totals in group),
+            sum(totals.visible for totals in group),
+            sum(totals.false for totals in group),
         )
         for (run, source), group in groups.items()
     )
 
 
-def totals_document(one: SourceTotals, requirement: Requirement) -> dict[str, Any]:
+def _totals_document(totals: SourceTotals, requirement: Requirement) -> dict[str, Any]:
     """Return the numbers of one source: lengths in metres, the yaw in degrees."""
-    found = clopper_pearson(len(one.offsets), one.visible, requirement.confidence)
-    nees = chi_square_check(one.nees, 4)
+    found = clopper_pearson(len(totals.offsets), totals.visible, requirement.confidence)
+    nees = chi_square_check(totals.nees, 4)
     errors: dict[str, Any] = {}
     for column, name in enumerate(COMPONENTS):
         scale, unit = (180 / np.pi, "deg") if name == "yaw" else (1.0, "m")
-        values = spread(scale * one.offsets[:, column])
+        values = spread(scale * totals.offsets[:, column])
         errors[f"{name}_{unit}"] = None if values is None else _numbers(values.bias, values.median, values.p95)
     return {
-        "run": one.run,
-        "source": one.source,
-        "shots": one.shots,
+        "run": totals.run,
+        "source": totals.source,
+        "shots": totals.shots,
         "found": found.successes,
         "visible": found.trials,
         "recall": {"share": found.value, "low": found.low, "high": found.high},
-        "false": one.false,
+        "false": totals.false,
         "errors": errors,
         "nees_mean": nees.mean,
-        "requirement": check_document(check_requirement(one.offsets, requirement)),
+        "requirement": check_document(check_requirement(totals.offsets, requirement)),
     }
 
 
@@ -197,6 +273,7 @@ def _numbers(bias: float, median: float, p95: float) -> dict[str, float]:
 def batch_document(folder: Path, results: Sequence[BatchResult], settings: Settings) -> dict[str, Any]:
     """Return the document about all recordings; `docs/evaluation.md` describes its keys."""
     asked = settings.requirement
+    ordered = sorted(results, key=lambda result: result.name)
     return {
         "format": 1,
         "batch": folder.resolve().name,
@@ -204,9 +281,9 @@ def batch_document(folder: Path, results: Sequence[BatchResult], settings: Setti
             {
                 "name": result.name,
                 "problem": result.problem or None,
-                "sources": [totals_document(one, asked) for one in result.totals],
+                "sources": [_totals_document(totals, asked) for totals in result.totals],
             }
-            for result in sorted(results, key=lambda result: result.name)
+            for result in ordered
         ],
-        "overall": [totals_document(one, asked) for one in pooled(sorted(results, key=lambda result: result.name))],
+        "overall": [_totals_document(totals, asked) for totals in pooled(ordered)],
     }

@@ -9,10 +9,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from palletloc.evaluation.estimate_error import EstimateError, offsets
-from palletloc.evaluation.proportion import Proportion, clopper_pearson
-from palletloc.evaluation.shot_match import ShotMatch
-from palletloc.evaluation.spread import Spread, spread
+from palletloc.evaluation.pose_error import PoseError, offsets
+from palletloc.evaluation.run_match import ShotMatch
+from palletloc.evaluation.statistics import Proportion, Spread, clopper_pearson, spread
 from palletloc.evaluation.time_pairing import nearest_pairs
 
 
@@ -32,7 +31,7 @@ class Spreads:
     """Distances of the estimated from the true position, in metres; its bias is the median distance."""
 
 
-def spreads(errors: Sequence[EstimateError]) -> Spreads:
+def spreads(errors: Sequence[PoseError]) -> Spreads:
     """Return the statistics of some errors."""
     off = offsets(errors)
     depth, along, height, yaw = (spread(column) for column in off.T)
@@ -47,25 +46,25 @@ class TrackErrors:
     """Its name."""
     pallets: tuple[str, ...]
     """Ids of the pallets that it was matched with, each time that they change: one, for a track that stays."""
-    errors: tuple[EstimateError, ...]
+    errors: tuple[PoseError, ...]
     """In the order of the shots."""
     false: int
     """In how many shots it belonged to no pallet."""
 
 
-def by_pallet(errors: Iterable[EstimateError]) -> dict[str, tuple[EstimateError, ...]]:
+def by_pallet(errors: Iterable[PoseError]) -> dict[str, tuple[PoseError, ...]]:
     """Return the errors of each true pallet, by its id."""
-    return _grouped(errors, lambda one: one.error.face.id)
+    return _grouped(errors, lambda error: error.face.id)
 
 
 def by_stop(
-    errors: Iterable[EstimateError], stops: Mapping[str, float], limit: float
-) -> dict[tuple[str, str], tuple[EstimateError, ...]]:
+    errors: Iterable[PoseError], stops: Mapping[str, float], limit: float
+) -> dict[tuple[str, str], tuple[PoseError, ...]]:
     """Return the errors at each stop of the forklift, each pallet on its own.
 
     Parameters
     ----------
-    errors : iterable of EstimateError
+    errors : iterable of PoseError
         Of all shots.
     stops : mapping of str to float
         When the forklift stood still, in seconds, by the stops' names.
@@ -80,10 +79,12 @@ def by_stop(
     """
     errors = list(errors)
     names = list(stops)
-    pairs = nearest_pairs(np.array([one.time for one in errors]), np.array([stops[name] for name in names]), limit)
-    groups: dict[tuple[str, str], list[EstimateError]] = {}
+    pairs = nearest_pairs(
+        np.array([error.time for error in errors]), np.array([stops[name] for name in names]), limit
+    )
+    groups: dict[tuple[str, str], list[PoseError]] = {}
     for row, stop in zip(pairs.first, pairs.second, strict=True):
-        groups.setdefault((names[stop], errors[row].error.face.id), []).append(errors[row])
+        groups.setdefault((names[stop], errors[row].face.id), []).append(errors[row])
     return {key: tuple(group) for key, group in groups.items()}
 
 
@@ -103,11 +104,12 @@ def by_track(shots: Iterable[ShotMatch]) -> tuple[TrackErrors, ...]:
     shots = list(shots)
     names: dict[str, int] = {}
     for shot in shots:
-        for one in (*(error.estimate for error in (*shot.errors, *shot.beyond)), *shot.false):
-            names.setdefault(one.track, 0)
-        for one in shot.false:
-            names[one.track] += 1
-    errors = _grouped((one for shot in shots for one in (*shot.errors, *shot.beyond)), lambda one: one.estimate.track)
+        for estimate in (*(error.estimate for error in (*shot.errors, *shot.beyond)), *shot.false):
+            names.setdefault(estimate.track, 0)
+        for estimate in shot.false:
+            names[estimate.track] += 1
+    matched = (error for shot in shots for error in (*shot.errors, *shot.beyond))
+    errors = _grouped(matched, lambda error: error.estimate.track)
     return tuple(
         TrackErrors(name, _changes(errors.get(name, ())), errors.get(name, ()), false)
         for name, false in names.items()
@@ -115,17 +117,15 @@ def by_track(shots: Iterable[ShotMatch]) -> tuple[TrackErrors, ...]:
     )
 
 
-def _changes(errors: Sequence[EstimateError]) -> tuple[str, ...]:
-    ids = [one.error.face.id for one in errors]
+def _changes(errors: Sequence[PoseError]) -> tuple[str, ...]:
+    ids = [error.face.id for error in errors]
     return tuple(ids[:1] + [later for earlier, later in pairwise(ids) if later != earlier])
 
 
-def _grouped(
-    errors: Iterable[EstimateError], name: Callable[[EstimateError], str]
-) -> dict[str, tuple[EstimateError, ...]]:
-    groups: dict[str, list[EstimateError]] = {}
-    for one in errors:
-        groups.setdefault(name(one), []).append(one)
+def _grouped(errors: Iterable[PoseError], name: Callable[[PoseError], str]) -> dict[str, tuple[PoseError, ...]]:
+    groups: dict[str, list[PoseError]] = {}
+    for error in errors:
+        groups.setdefault(name(error), []).append(error)
     return {key: tuple(group) for key, group in groups.items()}
 
 
@@ -137,7 +137,7 @@ class DistanceBin:
     """Least distance, in metres."""
     high: float
     """Distance that is too far already, in metres."""
-    errors: tuple[EstimateError, ...]
+    errors: tuple[PoseError, ...]
     """Of the pallets that were found."""
     found: Proportion
     """How many of those that had to be."""
@@ -166,15 +166,15 @@ def by_distance(shots: Iterable[ShotMatch], edges: Sequence[float]) -> tuple[Dis
     if len(edges) < 2 or not all(low < high for low, high in pairwise(edges)):
         raise ValueError(f"edges: expected at least two increasing distances, got {list(edges)}")
     shots = list(shots)
-    found = [one for shot in shots for one in shot.errors]
+    found = [error for shot in shots for error in shot.errors]
     missed = np.array([face.range for shot in shots for face in shot.missed])
     return tuple(
         _bin(low, high, found, int(((missed >= low) & (missed < high)).sum())) for low, high in pairwise(edges)
     )
 
 
-def _bin(low: float, high: float, found: Iterable[EstimateError], missed: int) -> DistanceBin:
-    inside = tuple(one for one in found if low <= one.error.face.range < high)
+def _bin(low: float, high: float, found: Iterable[PoseError], missed: int) -> DistanceBin:
+    inside = tuple(error for error in found if low <= error.face.range < high)
     return DistanceBin(low, high, inside, clopper_pearson(len(inside), len(inside) + missed))
 
 

@@ -9,18 +9,24 @@ from typing import Any
 
 import numpy as np
 
-from palletloc.evaluation.breakdown import Spreads, by_distance, by_pallet, by_track, distance_edges, spreads
-from palletloc.evaluation.consistency import chi_square_check
-from palletloc.evaluation.estimate_error import COMPONENTS, EstimateError
-from palletloc.evaluation.evaluated_run import EvaluatedRun, EvaluatedSource, Settings, StopErrors
-from palletloc.evaluation.paired_comparison import Difference
-from palletloc.evaluation.proportion import Proportion
+from palletloc.evaluation.breakdown import by_distance, by_pallet, by_track, distance_edges, spreads
+from palletloc.evaluation.comparison import PairedDifference
+from palletloc.evaluation.pose_error import COMPONENTS, PoseError
 from palletloc.evaluation.requirement import Requirement, RequirementCheck
-from palletloc.evaluation.shot_match import Detection
-from palletloc.evaluation.side_by_side import RESAMPLES, SEED, ComparedRuns
-from palletloc.evaluation.spread import Spread
-from palletloc.evaluation.survey_document import survey_document
-from palletloc.evaluation.truth import RecordingTruth
+from palletloc.evaluation.run import (
+    RESAMPLES,
+    SEED,
+    ComparedRuns,
+    EvaluatedRun,
+    EvaluatedSource,
+    Settings,
+    StopErrors,
+)
+from palletloc.evaluation.run_match import DetectionRate
+from palletloc.evaluation.statistics import Proportion, Spread, chi_square_check
+from palletloc.evaluation.truth import RecordingTruth, survey_notes
+from palletloc.survey.polar import FaceErrors, instrument_errors
+from palletloc.survey.truth import PlacedBody, SurveyedTruth
 
 FORMAT = 1
 """Number of the form; a change that breaks a reader gets the next one."""
@@ -60,9 +66,9 @@ def metrics_document(
         "shots": len(truth.recording.shots),
         "truth": _truth(truth, runs[0], settings),
         "sight": {
-            "max_range_m": settings.sight.max_range,
-            "min_bearing_deg": settings.sight.min_bearing_deg,
-            "max_bearing_deg": settings.sight.max_bearing_deg,
+            "max_range_m": settings.visibility.max_range,
+            "min_bearing_deg": settings.visibility.min_bearing_deg,
+            "max_bearing_deg": settings.visibility.max_bearing_deg,
         },
         "requirement": _requirement(settings.requirement),
         "runs": [
@@ -73,17 +79,17 @@ def metrics_document(
             }
             for run in runs
         ],
-        "comparisons": [_comparison(one) for one in compared],
+        "comparisons": [_comparison(runs) for runs in compared],
     }
 
 
-def _comparison(one: ComparedRuns) -> Document:
-    compared = one.comparison
+def _comparison(runs: ComparedRuns) -> Document:
+    compared = runs.comparison
     scales = {f"{name}_m": (name, 1.0) for name in COMPONENTS[:3]} | {"yaw_deg": ("yaw", math.degrees(1.0))}
     return {
-        "first": one.first,
-        "second": one.second,
-        "source": one.source,
+        "first": runs.first,
+        "second": runs.second,
+        "source": runs.source,
         "views": compared.views,
         "shots": compared.shots,
         "only_first": len(compared.only_first),
@@ -98,9 +104,9 @@ def _comparison(one: ComparedRuns) -> Document:
     }
 
 
-def _difference(one: Difference, scale: float) -> Document:
-    numbers = {"mean": scale * one.mean, "low": scale * one.low, "high": scale * one.high}
-    return numbers | {"smaller": one.smaller, "larger": one.larger}
+def _difference(found: PairedDifference, scale: float) -> Document:
+    numbers = {"mean": scale * found.mean, "low": scale * found.low, "high": scale * found.high}
+    return numbers | {"smaller": found.smaller, "larger": found.larger}
 
 
 def metrics_text(document: Mapping[str, Any]) -> str:
@@ -110,9 +116,9 @@ def metrics_text(document: Mapping[str, Any]) -> str:
 
 def _plain(value: Any) -> Any:
     if isinstance(value, Mapping):
-        return {key: _plain(one) for key, one in value.items()}
+        return {key: _plain(part) for key, part in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(one) for one in value]
+        return [_plain(part) for part in value]
     if isinstance(value, float):
         return float(f"{value:.9g}") if math.isfinite(value) else None
     return value
@@ -131,7 +137,7 @@ def _truth(truth: RecordingTruth, run: EvaluatedRun, settings: Settings) -> Docu
         "survey": None,
     }
     if truth.surveyed is not None:
-        document["survey"] = survey_document(truth.surveyed, truth, settings.stop_limit)
+        document["survey"] = _survey(truth.surveyed, truth, settings.stop_limit)
     return document
 
 
@@ -147,15 +153,15 @@ def _requirement(asked: Requirement) -> Document:
 
 def _source(source: EvaluatedSource, settings: Settings) -> Document:
     errors = source.errors
-    edges = distance_edges(settings.bin_width, settings.sight.max_range)
+    edges = distance_edges(settings.bin_width, settings.visibility.max_range)
     return {
-        "errors": spreads_document(spreads(errors)),
-        "detection": detection_document(source.detection),
+        "errors": _spreads(errors),
+        "detection": _detection(source.detection),
         "requirement": check_document(source.requirement),
-        "consistency": consistency_document(errors),
+        "consistency": _consistency(errors),
         "pallets": {
             name: {
-                "errors": spreads_document(spreads(group)),
+                "errors": _spreads(group),
                 "missed": sum(face.id == name for shot in source.shots for face in shot.missed),
             }
             for name, group in sorted(by_pallet(errors).items())
@@ -165,57 +171,58 @@ def _source(source: EvaluatedSource, settings: Settings) -> Document:
         ),
         "distance": [
             {
-                "from_m": one.low,
-                "to_m": one.high,
-                "found": _proportion(one.found),
-                "errors": spreads_document(spreads(one.errors)),
+                "from_m": part.low,
+                "to_m": part.high,
+                "found": _proportion(part.found),
+                "errors": _spreads(part.errors),
             }
-            for one in by_distance(source.shots, edges)
+            for part in by_distance(source.shots, edges)
         ],
-        "stops": [_stop(one) for one in source.stops],
+        "stops": [_stop(stop) for stop in source.stops],
         "tracks": [
             {
-                "track": one.track,
-                "pallets": list(one.pallets),
-                "false": one.false,
-                "errors": spreads_document(spreads(one.errors)),
+                "track": track.track,
+                "pallets": list(track.pallets),
+                "false": track.false,
+                "errors": _spreads(track.errors),
             }
-            for one in by_track(source.shots)
+            for track in by_track(source.shots)
         ],
     }
 
 
-def spreads_document(one: Spreads) -> Document:
+def _spreads(errors: Sequence[PoseError]) -> Document:
     """Return the statistics of some errors: lengths in metres, the yaw in degrees; None for an empty group."""
-    parts = {f"{name}_m": _spread(getattr(one, name), 1.0) for name in (*COMPONENTS[:3], "position")}
-    return parts | {"yaw_deg": _spread(one.yaw, math.degrees(1.0))}
+    found = spreads(errors)
+    parts = {f"{name}_m": _spread(getattr(found, name), 1.0) for name in (*COMPONENTS[:3], "position")}
+    return parts | {"yaw_deg": _spread(found.yaw, math.degrees(1.0))}
 
 
-def _spread(one: Spread | None, scale: float) -> Document | None:
-    if one is None:
+def _spread(found: Spread | None, scale: float) -> Document | None:
+    if found is None:
         return None
     names = ("bias", "mean", "median", "rms", "p95", "maximum")
-    return {"n": one.n} | {name: scale * getattr(one, name) for name in names}
+    return {"n": found.n} | {name: scale * getattr(found, name) for name in names}
 
 
-def _proportion(one: Proportion) -> Document:
+def _proportion(found: Proportion) -> Document:
     return {
-        "count": one.successes,
-        "of": one.trials,
-        "share": one.value,
-        "low": one.low,
-        "high": one.high,
-        "confidence": one.confidence,
+        "count": found.successes,
+        "of": found.trials,
+        "share": found.value,
+        "low": found.low,
+        "high": found.high,
+        "confidence": found.confidence,
     }
 
 
-def detection_document(one: Detection) -> Document:
+def _detection(rate: DetectionRate) -> Document:
     """Return recall and false detections."""
     return {
-        "shots": one.shots,
-        "recall": _proportion(one.found),
-        "false": one.false,
-        "false_per_shot": one.false_per_shot,
+        "shots": rate.shots,
+        "recall": _proportion(rate.found),
+        "false": rate.false,
+        "false_per_shot": rate.false_per_shot,
     }
 
 
@@ -225,17 +232,17 @@ def check_document(check: RequirementCheck) -> Document:
         "verdict": str(check.together.verdict),
         "missed_counted": check.missed,
         **{
-            name: {"verdict": str(one.verdict), "inside": _proportion(one.proportion)}
+            name: {"verdict": str(part.verdict), "inside": _proportion(part.proportion)}
             for name in ("together", *COMPONENTS)
-            for one in [getattr(check, name)]
+            for part in [getattr(check, name)]
         },
     }
 
 
-def consistency_document(errors: Sequence[EstimateError]) -> Document:
+def _consistency(errors: Sequence[PoseError]) -> Document:
     """Return NEES against chi-square, and how many errors lie within two standard deviations."""
-    check = chi_square_check([one.nees_with_truth for one in errors], 4)
-    normalised = np.array([one.normalised for one in errors]).reshape(-1, 4)
+    check = chi_square_check([error.nees_with_truth for error in errors], 4)
+    normalised = np.array([error.normalised for error in errors]).reshape(-1, 4)
     inside = (np.abs(normalised) <= 2).mean(axis=0) if len(errors) else np.full(4, np.nan)
     return {
         "nees": {
@@ -253,13 +260,13 @@ def consistency_document(errors: Sequence[EstimateError]) -> Document:
     }
 
 
-def _stop(one: StopErrors) -> Document:
-    accuracy = one.accuracy
-    truth = np.sqrt(np.diag(_truth_covariance(one)))
+def _stop(stop: StopErrors) -> Document:
+    accuracy = stop.accuracy
+    truth = np.sqrt(np.diag(_truth_covariance(stop)))
     return {
-        "stop": one.stop,
-        "time_s": one.time,
-        "pallet": one.pallet,
+        "stop": stop.stop,
+        "time_s": stop.time,
+        "pallet": stop.pallet,
         "n": accuracy.n,
         "ap_m": accuracy.ap,
         "rp_m": accuracy.rp,
@@ -268,10 +275,62 @@ def _stop(one: StopErrors) -> Document:
         "mean_m": {name: float(value) for name, value in zip(COMPONENTS[:3], accuracy.mean, strict=True)},
         "truth_sigma_m": {name: float(value) for name, value in zip(COMPONENTS[:3], truth, strict=False)},
         "truth_sigma_yaw_deg": math.degrees(truth[3]),
-        "nees_mean": float(np.mean([error.nees_with_truth for error in one.errors])),
+        "nees_mean": float(np.mean([error.nees_with_truth for error in stop.errors])),
     }
 
 
-def _truth_covariance(one: StopErrors) -> Any:
-    covariance = one.errors[0].truth_covariance
+def _truth_covariance(stop: StopErrors) -> Any:
+    covariance = stop.errors[0].truth_covariance
     return np.zeros((4, 4)) if covariance is None else covariance
+
+
+def _survey(surveyed: SurveyedTruth, truth: RecordingTruth, stop_limit: float) -> Document:
+    """Return stops, instrument, bodies, notes, and how the survey agrees with the forklift's path."""
+    bodies = [*(stop.forklift for stop in surveyed.stops), *surveyed.pallets]
+    return {
+        "stops": [{"name": stop.name, "time_s": stop.time} for stop in surveyed.stops],
+        "stop_limit_s": stop_limit,
+        "sigma_m": surveyed.plan.sigma,
+        "variance_factor": surveyed.variance_factor,
+        "instrument": _instrument(surveyed.survey.faces),
+        "bodies": [_body(body) for body in bodies],
+        "notes": list(survey_notes(truth, stop_limit)),
+        "against_path": [
+            {
+                "stop": agreement.stop,
+                "pallet": agreement.pallet,
+                "position_m": float(np.linalg.norm(agreement.error[:3])),
+                "yaw_deg": math.degrees(agreement.error[3]),
+                "largest_normalised": float(np.abs(agreement.normalised).max()),
+            }
+            for agreement in truth.agreement
+        ],
+    }
+
+
+def _instrument(faces: Sequence[FaceErrors]) -> Document | None:
+    errors = instrument_errors(faces)
+    if errors is None:
+        return None
+    index, collimation = (math.degrees(error) for error in errors)
+    return {"pairs": len(faces), "index_deg": index, "collimation_deg": collimation}
+
+
+def _body(placed: PlacedBody) -> Document:
+    fit = placed.fit
+    residuals = np.linalg.norm(fit.residuals, axis=1)
+    return {
+        "body": placed.body.label,
+        "assumed_level": fit.assumed_level,
+        "rms_m": fit.rms,
+        "yaw_sigma_deg": math.degrees(fit.pose.yaw_sigma),
+        "points": [
+            {
+                "name": point.name,
+                "lines": list(point.lines),
+                "residual_m": float(residual),
+                "leave_one_out_m": float(left_out),
+            }
+            for point, residual, left_out in zip(placed.body.points, residuals, fit.leave_one_out, strict=True)
+        ],
+    }

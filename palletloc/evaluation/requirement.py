@@ -8,7 +8,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from palletloc.evaluation.proportion import Proportion, clopper_pearson, lower_bound, upper_bound
+from palletloc.evaluation.statistics import Proportion, clopper_pearson, lower_bound, upper_bound
 from palletloc.geometry import FloatArray
 
 

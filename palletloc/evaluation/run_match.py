@@ -1,26 +1,152 @@
-"""A run over a recording against its truth, shot by shot."""
+"""A run over a recording against its truth: which estimate is of which pallet, what is missed and what is false."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from palletloc.evaluation.errors import PlacedPallet, Sight, by_shot, true_faces
-from palletloc.evaluation.estimate import PalletEstimate
-from palletloc.evaluation.estimate_error import EstimateError
-from palletloc.evaluation.shot_match import ShotMatch, match_shot
+from palletloc.evaluation.pose_error import (
+    EvaluationError,
+    PalletEstimate,
+    PlacedPallet,
+    PoseError,
+    TrueFace,
+    Visibility,
+    pose_error,
+    true_faces,
+)
+from palletloc.evaluation.statistics import Proportion, clopper_pearson
 from palletloc.evaluation.time_pairing import TimeRule, brackets, nearest_pairs, require_overlap
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.trajectory import Trajectory
 
+PAIRING_DISTANCE = 0.5
+"""Farthest that a measurement may lie from the pallet it belongs to, in metres."""
+SAME_TIME = 1e-3
+"""Within which a measurement's time is a shot's, in seconds."""
 NEAREST_LIMIT = 0.01
 """How far a nearest sample of the truth may lie from a shot, in seconds: at 1 m/s the forklift moves 1 cm."""
 
-TruthCovariance = Callable[[float, str], FloatArray | None]
-"""Gives the (4, 4) covariance of the true ``forklift_from_pallet`` for a time and a pallet's id, if there is one."""
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShotMatch:
+    """The estimates of one shot, each with its pallet, if any."""
+
+    time: float
+    """The shot's, in seconds."""
+    errors: tuple[PoseError, ...]
+    """Of the visible pallets that were found, in the order of the pallets."""
+    beyond: tuple[PoseError, ...]
+    """Of pallets that need not be found and were: neither counted nor held against the estimate."""
+    missed: tuple[TrueFace, ...]
+    """The visible pallets that were not found."""
+    false: tuple[PalletEstimate, ...]
+    """Estimates that belong to no pallet."""
+
+
+def match_shot(
+    time: float,
+    estimates: Sequence[PalletEstimate],
+    faces: Sequence[TrueFace],
+    truth_covariances: Mapping[str, FloatArray] | None = None,
+) -> ShotMatch:
+    """Match the estimates of one shot with the true pallets, one to one, the closest pairs first.
+
+    Parameters
+    ----------
+    time : float
+        The shot's, in seconds.
+    estimates : sequence of PalletEstimate
+        Of that shot.
+    faces : sequence of TrueFace
+        Every true pallet, visible or not.
+    truth_covariances : mapping of str to (4, 4) array, optional
+        What the truth states of (x, y, z, yaw) in the forklift frame, for the pallets of which it does.
+
+    Returns
+    -------
+    ShotMatch
+        Every estimate and every visible pallet once. Nothing farther apart than `PAIRING_DISTANCE` is matched.
+    """
+    known = truth_covariances or {}
+    pairs = _pairs(estimates, faces)
+    found = {
+        column: pose_error(time, estimates[row], faces[column], known.get(faces[column].id)) for row, column in pairs
+    }
+    used = {row for row, _ in pairs}
+    in_order = [found[column] for column in sorted(found)]
+    return ShotMatch(
+        time,
+        tuple(error for error in in_order if error.face.visible),
+        tuple(error for error in in_order if not error.face.visible),
+        tuple(face for column, face in enumerate(faces) if face.visible and column not in found),
+        tuple(estimate for row, estimate in enumerate(estimates) if row not in used),
+    )
+
+
+def _pairs(estimates: Sequence[PalletEstimate], faces: Sequence[TrueFace]) -> list[tuple[int, int]]:
+    """Return indices of an estimate and its face, closest first; neither is taken twice."""
+    if not estimates or not faces:
+        return []
+    found = np.array([estimate.forklift_from_pallet.as_array()[:3] for estimate in estimates])
+    true = np.array([face.forklift_from_pallet.as_array()[:3] for face in faces])
+    apart = np.linalg.norm(found[:, None] - true, axis=2)
+    pairs = []
+    for _ in range(min(apart.shape)):
+        row, column = (int(index) for index in np.unravel_index(int(apart.argmin()), apart.shape))
+        if not apart[row, column] < PAIRING_DISTANCE:
+            break
+        pairs.append((row, column))
+        apart[row, :] = apart[:, column] = np.inf
+    return pairs
+
+
+@dataclass(frozen=True, slots=True)
+class DetectionRate:
+    """How many pallets were found in some shots, and how many estimates were of none."""
+
+    shots: int
+    """Number of shots."""
+    found: Proportion
+    """Visible pallets that were found, over all shots; its value is the recall."""
+    false: int
+    """Estimates that belong to no pallet."""
+
+    @property
+    def recall(self) -> float:
+        """Part of the visible pallets that was found, 0 to 1; NaN without one."""
+        return self.found.value
+
+    @property
+    def false_per_shot(self) -> float:
+        """False estimates per shot; NaN without a shot."""
+        return self.false / self.shots if self.shots else float("nan")
+
+
+def detection(shots: Iterable[ShotMatch], confidence: float = 0.95) -> DetectionRate:
+    """Count what was found, missed and false.
+
+    Parameters
+    ----------
+    shots : iterable of ShotMatch
+        Of one or several recordings.
+    confidence : float
+        Of the recall's Clopper-Pearson interval.
+
+    Returns
+    -------
+    DetectionRate
+        Every view of a pallet counts once.
+    """
+    shots = list(shots)
+    found = sum(len(shot.errors) for shot in shots)
+    visible = found + sum(len(shot.missed) for shot in shots)
+    return DetectionRate(
+        len(shots), clopper_pearson(found, visible, confidence), sum(len(shot.false) for shot in shots)
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,10 +161,8 @@ class TrueScene:
     """Width of each model's front face, in metres."""
     forklift_from_camera: RigidTransform
     """The camera's mounting."""
-    sight: Sight = Sight()
+    visibility: Visibility = Visibility()
     """Which pallets have to be found."""
-    covariance: TruthCovariance | None = None
-    """What the truth says of its own uncertainty."""
     name: str = "truth"
     """What messages call it."""
 
@@ -49,19 +173,35 @@ class RunMatch:
 
     shots: tuple[ShotMatch, ...]
     """The shots at which the truth is known, in the given order."""
-    rule: TimeRule
-    """How the truth was taken for a shot's time."""
-    limit: float
-    """Largest time to the nearest sample, or between the samples on both sides, in seconds."""
     largest: float
     """Largest time from a shot to the nearest sample that was used, in seconds; 0 without a shot."""
     without_truth: tuple[float, ...]
     """Times of the shots that were left out, in seconds."""
 
     @property
-    def errors(self) -> tuple[EstimateError, ...]:
+    def errors(self) -> tuple[PoseError, ...]:
         """Of all shots, without pallets that need not be found."""
         return tuple(error for shot in self.shots for error in shot.errors)
+
+
+def by_shot(times: Sequence[float], estimates: Iterable[PalletEstimate]) -> list[list[PalletEstimate]]:
+    """Return the estimates of each shot; ``times`` are the shots', in seconds.
+
+    Raises
+    ------
+    EvaluationError
+        If an estimate's time is no shot's.
+    """
+    shots: list[list[PalletEstimate]] = [[] for _ in times]
+    moments = np.array(times)
+    for estimate in estimates:
+        nearest = int(np.abs(moments - estimate.time).argmin())
+        if abs(times[nearest] - estimate.time) > SAME_TIME:
+            raise EvaluationError(
+                f"a measurement at {estimate.time:.6g} s is of no shot; the nearest is {times[nearest]:.6g} s"
+            )
+        shots[nearest].append(estimate)
+    return shots
 
 
 def match_run(
@@ -90,7 +230,7 @@ def match_run(
     Returns
     -------
     RunMatch
-        With the rule and the limit that were used.
+        With the shots that were left out.
 
     Raises
     ------
@@ -103,7 +243,7 @@ def match_run(
     true, largest = _true_poses(moments, scene.world_from_forklift, rule, limit)
     matched = tuple(_matched(times[index], shots[index], pose, scene) for index, pose in sorted(true.items()))
     left_out = tuple(time for index, time in enumerate(times) if index not in true)
-    return RunMatch(matched, rule, limit, largest, left_out)
+    return RunMatch(matched, largest, left_out)
 
 
 def _true_poses(
@@ -123,7 +263,5 @@ def _true_poses(
 
 
 def _matched(time: float, found: Sequence[PalletEstimate], pose: LevelPose, scene: TrueScene) -> ShotMatch:
-    faces = true_faces(scene.pallets, scene.widths, pose, scene.forklift_from_camera, scene.sight)
-    stated = {} if scene.covariance is None else {face.id: scene.covariance(time, face.id) for face in faces}
-    known = {name: covariance for name, covariance in stated.items() if covariance is not None}
-    return match_shot(time, found, faces, known)
+    faces = true_faces(scene.pallets, scene.widths, pose, scene.forklift_from_camera, scene.visibility)
+    return match_shot(time, found, faces)

@@ -8,7 +8,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from palletloc.evaluation.errors import EvaluationError
+from palletloc.evaluation.pose_error import EvaluationError
 from palletloc.geometry import FloatArray
 
 IntArray = NDArray[np.int64]
@@ -34,14 +34,6 @@ class TimePairs:
     """(k,) indices in the second series."""
     apart: FloatArray
     """(k,) time of the second minus that of the first, in seconds."""
-    limit: float
-    """Largest size of it that was allowed, in seconds."""
-
-    @property
-    def shared(self) -> int:
-        """How many pairs share a sample with an earlier pair: there is no rule against it."""
-        repeated = [len(side) - len(np.unique(side)) for side in (self.first, self.second)]
-        return max(repeated)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,14 +48,10 @@ class Brackets:
     """(k,) index of the sample at or after each."""
     share: FloatArray
     """(k,) weight of ``after``, 0 to 1."""
-    limit: float
-    """Largest distance of the two samples that was allowed, in seconds."""
 
 
-def require_overlap(
-    first: FloatArray, second: FloatArray, names: tuple[str, str], slack: float = 0.0
-) -> tuple[float, float]:
-    """Return the time that two series have in common.
+def require_overlap(first: FloatArray, second: FloatArray, names: tuple[str, str], slack: float = 0.0) -> None:
+    """Refuse two series that have no time in common.
 
     Parameters
     ----------
@@ -73,11 +61,6 @@ def require_overlap(
         What the two are, for the message.
     slack : float
         How far apart they may be, in seconds.
-
-    Returns
-    -------
-    (float, float)
-        Begin and end, in seconds; the begin is the later one where they only meet within the slack.
 
     Raises
     ------
@@ -94,13 +77,12 @@ def require_overlap(
             for times, name in zip((first, second), names, strict=True)
         )
         raise EvaluationError(f"{', '.join(spans)}: expected times that overlap; are they of one clock?")
-    return begin, end
 
 
 def nearest_pairs(first: FloatArray, second: FloatArray, limit: float) -> TimePairs:
     """Give each sample of the first series the nearest one of the second, where there is one within the limit.
 
-    Several samples may get the same partner; `TimePairs.shared` counts them.
+    Several samples may get the same partner.
 
     Parameters
     ----------
@@ -124,12 +106,12 @@ def nearest_pairs(first: FloatArray, second: FloatArray, limit: float) -> TimePa
     first, second = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
     if not first.size or not second.size:
         none = np.zeros(0, dtype=np.int64)
-        return TimePairs(none, none, np.zeros(0), limit)
+        return TimePairs(none, none, np.zeros(0))
     order = np.argsort(second, kind="stable")
     partner = order[_nearest_in_order(first, second[order])]
     apart = second[partner] - first
     kept = np.flatnonzero(np.abs(apart) <= limit)
-    return TimePairs(kept, partner[kept], apart[kept], limit)
+    return TimePairs(kept, partner[kept], apart[kept])
 
 
 def _nearest_in_order(wanted: FloatArray, samples: FloatArray) -> IntArray:
@@ -138,35 +120,6 @@ def _nearest_in_order(wanted: FloatArray, samples: FloatArray) -> IntArray:
     before = np.searchsorted(samples, samples[np.maximum(after - 1, 0)], side="left")
     earlier = np.abs(wanted - samples[before]) <= np.abs(samples[after] - wanted)
     return np.asarray(np.where(earlier, before, after))
-
-
-def associated_pairs(
-    reference: FloatArray, estimate: FloatArray, limit: float = 0.01, offset: float = 0.0
-) -> TimePairs:
-    """Pair two trajectories by the rule of evo.
-
-    Each sample of the shorter series gets its nearest one of the longer; of two equally long ones the
-    estimate counts as the shorter.
-
-    Parameters
-    ----------
-    reference, estimate : (n,), (m,) array
-        Times in seconds, in any order.
-    limit : float
-        Largest difference, inclusive, in seconds.
-    offset : float
-        Added to the times of the estimate, in seconds.
-
-    Returns
-    -------
-    TimePairs
-        ``first`` are indices in the reference, in the order of the shorter series.
-    """
-    shifted = np.asarray(estimate, dtype=np.float64) + offset
-    if len(shifted) > len(reference):
-        return nearest_pairs(reference, shifted, limit)
-    pairs = nearest_pairs(shifted, reference, limit)
-    return TimePairs(pairs.second, pairs.first, -pairs.apart, limit)
 
 
 def brackets(wanted: FloatArray, samples: FloatArray, limit: float) -> Brackets:
@@ -196,4 +149,4 @@ def brackets(wanted: FloatArray, samples: FloatArray, limit: float) -> Brackets:
     kept = gap <= limit
     inside, before, after, gap = inside[kept], before[kept], after[kept], gap[kept]
     share = (wanted[inside] - samples[before]) / np.where(gap > 0, gap, 1.0)
-    return Brackets(inside, before, after, share, limit)
+    return Brackets(inside, before, after, share)

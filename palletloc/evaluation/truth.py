@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from palletloc.errors import nearest_name
-from palletloc.evaluation.errors import PAIRING_DISTANCE, EvaluationError, PlacedPallet
+from palletloc.evaluation.pose_error import EvaluationError, PlacedPallet
+from palletloc.evaluation.run_match import PAIRING_DISTANCE
 from palletloc.evaluation.time_pairing import require_overlap
 from palletloc.geometry import FloatArray, level_pose
 from palletloc.io.recording import Recording, read_recording
@@ -127,6 +128,18 @@ def continuous_poses(
     )
 
 
+def survey_notes(truth: RecordingTruth, stop_limit: float) -> Iterator[str]:
+    """Yield what a reader has to know about a survey: rejected lines, assumptions, and stops without a shot."""
+    if truth.surveyed is None:
+        return
+    yield from truth.surveyed.notes
+    times = np.array([shot.time for shot in truth.recording.shots])
+    for stop in truth.surveyed.stops:
+        gap = float(np.abs(times - stop.time).min())
+        if gap > stop_limit:
+            yield f"stop '{stop.name}': the nearest shot is {gap:.3g} s away, not {stop_limit:g} s; see --stop-limit"
+
+
 def _check_models(place: Path, pallets: tuple[TruePallet, ...], recording: Recording) -> None:
     known = [model.name for model in recording.models]
     if not pallets:
@@ -161,7 +174,7 @@ def _agreement(
     for stop in surveyed.stops:
         if not start <= stop.time <= end:
             continue
-        true = {one.id: one.forklift_from_pallet for one in continuous_poses(path, pallets, stop.time)}
+        true = {pose.id: pose.forklift_from_pallet for pose in continuous_poses(path, pallets, stop.time)}
         for pose in stop.poses:
             error = -pose.error(true[pose.id])
             apart = float(np.linalg.norm(error[:3]))

@@ -7,23 +7,24 @@ from typing import Any
 
 import numpy as np
 
-from palletloc.candidate import Candidate
-from palletloc.edge_account import EdgeAccount, account_edges
+from palletloc.candidate import Fit, Refusal, last_step, steps_of
+from palletloc.explained import EdgeAccount, SearchAxes, account_edges
 from palletloc.geometry import FloatArray, LevelPose
-from palletloc.joint_search import JointSearch
 from palletloc.localizer import Explanation
 from palletloc.pallet import PalletModel
-from palletloc.position import Sweep
-from palletloc.refinement.alignment import FaceEstimate
+from palletloc.paper.boundary import BoundaryLine
+from palletloc.paper.joint_search import JointSearch
+from palletloc.paper.position import Sweep
+from palletloc.paper.yaw import YawEstimate
+from palletloc.refinement.face_fit import FaceEstimate
 from palletloc.refinement.search import Search
-from palletloc.search_axes import SearchAxes
-from palletloc.yaw import YawEstimate
 
 _AXES = ("x_m", "y_m", "z_m", "yaw_rad")
+"""Keys of a pose's numbers, in the order of its covariance."""
 
 
 def explanation_document(
-    explanation: Explanation, named: Iterable[tuple[str, Candidate]], method: str
+    explanation: Explanation, named: Iterable[tuple[str, Fit | Refusal]], method: str
 ) -> dict[str, Any]:
     """Return what was found in a shot in a form that JSON can hold.
 
@@ -31,8 +32,8 @@ def explanation_document(
     ----------
     explanation : Explanation
         Of the shot.
-    named : iterable of (str, Candidate)
-        Its candidates with their names.
+    named : iterable of (str, Fit or Refusal)
+        What became of its candidates, with their names.
     method : str
         How poses were measured.
 
@@ -43,49 +44,52 @@ def explanation_document(
         candidate did not reach is absent.
     """
     return {
-        "file": explanation.file,
-        "time_s": explanation.time,
+        "file": explanation.shot.file,
+        "time_s": explanation.shot.time,
         "method": method,
         "pallets": len(explanation.measurements),
-        "candidates": [_candidate(name, one) for name, one in named],
+        "candidates": [_outcome(name, outcome) for name, outcome in named],
     }
 
 
-def _candidate(name: str, one: Candidate) -> dict[str, Any]:
+def _outcome(name: str, outcome: Fit | Refusal) -> dict[str, Any]:
+    candidate, fit = outcome.candidate, outcome.fit
     document: dict[str, Any] = {
         "name": name,
-        "model": one.model.name,
-        "detection_score": _rounded(one.score),
-        "start": _pose(one.start),
+        "model": candidate.model.name,
+        "detection_score": _rounded(candidate.score),
+        "start": _pose(candidate.start),
     }
-    if one.refusal is not None:
-        document["refused"] = {"stage": str(one.refusal[0]), "reason": str(one.refusal[1])}
-    if one.pose is not None and one.covariance is not None:
-        sigma = np.sqrt(np.diag(one.covariance))
-        document["pose"] = _pose(one.pose) | {"yaw_from": str(one.yaw_from)}
+    if isinstance(outcome, Refusal):
+        document["refused"] = {"stage": str(outcome.stage), "reason": str(outcome.reason)}
+    if fit is not None:
+        sigma = np.sqrt(np.diag(fit.covariance))
+        document["pose"] = _pose(fit.pose) | {"yaw_from": str(fit.yaw_from)}
         document["sigma"] = dict(zip(_AXES, _list(sigma), strict=True))
-        document["covariance"] = [_list(row) for row in one.covariance]
-        document["ellipse"] = _ellipse(one.covariance)
-    if one.lines:
+        document["covariance"] = [_list(row) for row in fit.covariance]
+        document["ellipse"] = _ellipse(fit.covariance)
+    if lines := steps_of(outcome, BoundaryLine):
         document["hough_lines"] = [
-            {"turn_rad": _rounded(line.turn), "up_m": _rounded(line.up), "votes": line.votes} for line in one.lines
+            {"turn_rad": _rounded(line.turn), "up_m": _rounded(line.up), "votes": line.votes} for line in lines
         ]
+    yaw, swept = last_step(outcome, YawEstimate), last_step(outcome, Sweep)
+    joint, search = last_step(outcome, JointSearch), last_step(outcome, Search)
     parts = {
-        "yaw": one.yaw and _yaw(one.yaw),
-        "sweep": one.sweep and _sweep(one.sweep),
-        "joint_search": one.joint and _joint(one.joint),
-        "search": one.search and _search(one.search),
-        "face": one.face and _face(one.face, one.model),
+        "yaw": yaw and _yaw(yaw),
+        "sweep": swept and _sweep(swept),
+        "joint_search": joint and _joint(joint),
+        "search": search and _search(search),
+        "face": fit and fit.face and _face(fit.face, candidate.model),
     }
     document |= {key: part for key, part in parts.items() if part}
-    if one.verification is not None:
+    if fit is not None and fit.evidence is not None:
         document["verification"] = {
-            "contrast": _rounded(one.verification.signs.contrast),
-            "coverage": _rounded(one.verification.signs.coverage),
-            "score": _rounded(one.verification.signs.score),
-            "doubt": _rounded(one.verification.signs.doubt),
-            "hidden": _rounded(one.verification.signs.hidden),
-            "rank": _rounded(one.verification.rank),
+            "contrast": _rounded(fit.evidence.contrast),
+            "coverage": _rounded(fit.evidence.coverage),
+            "score": _rounded(fit.evidence.score),
+            "doubt": _rounded(fit.evidence.doubt),
+            "hidden": _rounded(fit.evidence.hidden),
+            "rank": _rounded(fit.evidence.probability),
         }
     return document
 
@@ -150,7 +154,7 @@ def _search(looked: Search) -> dict[str, Any]:
         ],
     }
     if looked.finer:
-        document["closer"] = [_search(one) for one in looked.finer]
+        document["closer"] = [_search(closer) for closer in looked.finer]
     return document
 
 
@@ -160,27 +164,27 @@ def _face(face: FaceEstimate, model: PalletModel) -> dict[str, Any]:
         "chi2": _rounded(face.chi2),
         "doubt": _rounded(face.doubt),
         "hidden_m": [_list(span) for span in face.seen.hidden],
-        "edges": [_edge(one) for one in account_edges(face, model)],
+        "edges": [_edge(account) for account in account_edges(face, model)],
     }
 
 
-def _edge(one: EdgeAccount) -> dict[str, Any]:
+def _edge(account: EdgeAccount) -> dict[str, Any]:
     document: dict[str, Any] = {
-        "number": one.number,
-        "edge": str(one.edge.kind),
-        "name": one.name,
-        "fate": str(one.fate),
-        "load_above": one.loaded,
-        "weight": _rounded(one.weight),
+        "number": account.number,
+        "edge": str(account.edge.kind),
+        "name": account.name,
+        "fate": str(account.fate),
+        "load_above": account.loaded,
+        "weight": _rounded(account.weight),
     }
-    if one.measured is not None:
-        fit = one.measured.fit
+    if account.measured is not None:
+        fit = account.measured.fit
         document |= {
             "offset_m": _rounded(fit.offset),
             "slope": _rounded(fit.slope),
-            "sigma_m": _rounded(one.sigma),
+            "sigma_m": _rounded(account.sigma),
             "coverage": _rounded(fit.coverage),
-            "expected_m": _rounded(one.measured.shift.mean),
+            "expected_m": _rounded(account.measured.shift.mean),
         }
     return document
 

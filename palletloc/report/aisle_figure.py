@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from palletloc.drawing.canvas import FAINT, GRID, INK, WIDTH_PX, add_axes, add_legend, add_text, new_figure
-from palletloc.evaluation.errors import TrueFace
-from palletloc.evaluation.evaluated_run import EvaluatedRun
-from palletloc.evaluation.shot_match import ShotMatch
+from palletloc.evaluation.pose_error import TrueFace
+from palletloc.evaluation.run import EvaluatedRun
+from palletloc.evaluation.run_match import ShotMatch
 from palletloc.evaluation.truth import RecordingTruth
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.pallet import PalletModel
@@ -87,7 +87,7 @@ def _world(truth: RecordingTruth, run: EvaluatedRun) -> tuple[list[_Pallet], Flo
 
 
 def _faces(shot: ShotMatch) -> list[TrueFace]:
-    return [*(one.error.face for one in (*shot.errors, *shot.beyond)), *shot.missed]
+    return [*(one.face for one in (*shot.errors, *shot.beyond)), *shot.missed]
 
 
 def _corners(model: PalletModel, pose: LevelPose) -> FloatArray:

@@ -11,10 +11,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from palletloc.drawing.canvas import LEGEND_ROW_PX, WIDTH_PX, add_axes, add_legend, add_text, new_figure
-from palletloc.evaluation.estimate_error import EstimateError
-from palletloc.evaluation.evaluated_run import EvaluatedRun
+from palletloc.evaluation.pose_error import PoseError
 from palletloc.evaluation.requirement import Requirement
-from palletloc.evaluation.run_files import SHOTS_SOURCE, TRACKS_SOURCE
+from palletloc.evaluation.run import SHOTS_SOURCE, TRACKS_SOURCE, EvaluatedRun
 from palletloc.report.source_style import DEPTH, STOP_STYLE, STYLES, YAW, Quantity, prepare, reach
 
 MOST_PALLETS = 12
@@ -30,12 +29,12 @@ class _Panel:
     """What is known of one pallet."""
 
     pallet: str
-    shots: Sequence[EstimateError]
-    tracks: Mapping[str, Sequence[EstimateError]]
-    stops: Sequence[EstimateError]
+    shots: Sequence[PoseError]
+    tracks: Mapping[str, Sequence[PoseError]]
+    stops: Sequence[PoseError]
 
     @property
-    def groups(self) -> list[Sequence[EstimateError]]:
+    def groups(self) -> list[Sequence[PoseError]]:
         return [self.shots, self.stops, *self.tracks.values()]
 
 
@@ -81,10 +80,10 @@ def _panels(run: EvaluatedRun) -> list[_Panel]:
     single = [one for shot in shots.shots for one in (*shot.errors, *shot.beyond)] if shots else []
     followed = [one for shot in tracks.shots for one in (*shot.errors, *shot.beyond)] if tracks else []
     stops = [one for stop in shots.stops for one in stop.errors] if shots else []
-    names = sorted({one.error.face.id for one in (*single, *followed)})
+    names = sorted({one.face.id for one in (*single, *followed)})
     panels = []
     for name in names:
-        of_track: dict[str, list[EstimateError]] = {}
+        of_track: dict[str, list[PoseError]] = {}
         for one in _of(followed, name):
             of_track.setdefault(one.estimate.track, []).append(one)
         panels.append(_Panel(name, _of(single, name), of_track, _of(stops, name)))
@@ -92,8 +91,8 @@ def _panels(run: EvaluatedRun) -> list[_Panel]:
     return [panel for panel in panels if panel in kept]
 
 
-def _of(errors: Sequence[EstimateError], pallet: str) -> list[EstimateError]:
-    return [one for one in errors if one.error.face.id == pallet]
+def _of(errors: Sequence[PoseError], pallet: str) -> list[PoseError]:
+    return [one for one in errors if one.face.id == pallet]
 
 
 def _draw_panel(
@@ -104,7 +103,7 @@ def _draw_panel(
     requirement: Requirement,
 ) -> list[Axes]:
     left, top, width = place
-    ranges = [one.error.face.range for group in panel.groups for one in group]
+    ranges = [one.face.range for group in panel.groups for one in group]
     add_text(figure, left, top, f"pallet {panel.pallet}", size=10.5, bold=True)
     add_text(figure, left + 110, top + 1, f"{max(ranges):.1f} m to {min(ranges):.1f} m away", size=9.5)
     times = [one.time for each in panels for group in each.groups for one in group]
@@ -140,7 +139,7 @@ def _draw(axes: Axes, panel: _Panel, quantity: Quantity, requirement: Requiremen
 _FAR = (-1e12, 1e12)
 
 
-def _draw_track(axes: Axes, errors: Sequence[EstimateError], quantity: Quantity, label: str) -> None:
+def _draw_track(axes: Axes, errors: Sequence[PoseError], quantity: Quantity, label: str) -> None:
     times = [one.time for one in errors]
     values, wide = quantity.values(errors), 2 * quantity.sigmas(errors)
     color = STYLES[TRACKS_SOURCE].color
@@ -148,7 +147,7 @@ def _draw_track(axes: Axes, errors: Sequence[EstimateError], quantity: Quantity,
     axes.plot(times, values, color=color, linewidth=1.9, label=label or None, zorder=3)
 
 
-def _draw_points(axes: Axes, errors: Sequence[EstimateError], quantity: Quantity, *, stop: bool) -> None:
+def _draw_points(axes: Axes, errors: Sequence[PoseError], quantity: Quantity, *, stop: bool) -> None:
     if not errors:
         return
     style = STOP_STYLE if stop else STYLES[SHOTS_SOURCE]

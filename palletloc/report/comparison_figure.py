@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from palletloc.drawing.canvas import GRID, INK, SERIES, WIDTH_PX, add_axes, add_text, new_figure
-from palletloc.evaluation.estimate_error import COMPONENTS
-from palletloc.evaluation.side_by_side import ComparedRuns
+from palletloc.evaluation.pose_error import COMPONENTS
+from palletloc.evaluation.run import ComparedRuns
 from palletloc.report.source_style import QUANTITIES, STYLES
 
 _LEFT, _RIGHT, _HEAD, _GAP, _ROW, _FOOT = 230, 24, 76, 26, 34, 60  # in pixels

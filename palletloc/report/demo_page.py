@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from palletloc.drawing.stages import Picture
-from palletloc.evaluation.estimate_error import EstimateError
-from palletloc.evaluation.evaluated_run import EvaluatedRun, EvaluatedSource, Settings
-from palletloc.evaluation.run_files import SHOTS_SOURCE
+from palletloc.evaluation.pose_error import PoseError
+from palletloc.evaluation.run import SHOTS_SOURCE, EvaluatedRun, EvaluatedSource, Settings
 from palletloc.io.tracks import TrackRow
 from palletloc.report.page import (
     Column,
@@ -235,12 +234,12 @@ def _digits(quantity: Quantity) -> int:
     return 2 if quantity is YAW else 1
 
 
-def _row(error: EstimateError) -> list[str]:
+def _row(error: PoseError) -> list[str]:
     cells = []
     for quantity in QUANTITIES:
         digits, (value,), (sigma,) = _digits(quantity), quantity.values([error]), quantity.sigmas([error])
         cells.append(f"{round(value, digits) + 0.0:+.{digits}f} {_PM} {sigma:.{digits}f}")
-    face = error.error.face
+    face = error.face
     return [face.id, error.estimate.file, f"{face.range:.2f}", *cells]
 
 

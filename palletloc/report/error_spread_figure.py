@@ -11,8 +11,8 @@ from matplotlib.ticker import FuncFormatter
 
 from palletloc.drawing.canvas import GRID, INK, LEGEND_ROW_PX, WIDTH_PX, add_axes, add_legend, add_text, new_figure
 from palletloc.evaluation.breakdown import by_distance, distance_edges
-from palletloc.evaluation.evaluated_run import EvaluatedRun, EvaluatedSource, Settings
 from palletloc.evaluation.requirement import Requirement
+from palletloc.evaluation.run import EvaluatedRun, EvaluatedSource, Settings
 from palletloc.geometry import FloatArray
 from palletloc.report.source_style import DEPTH, QUANTITIES, STYLES, YAW, Quantity
 
@@ -117,7 +117,7 @@ def _width(metres: float) -> str:
 
 def _draw_source(axes: Axes, source: EvaluatedSource, name: str, quantity: Quantity, settings: Settings) -> None:
     style, least = STYLES[name], _LEAST[quantity.unit]
-    ranges = [one.error.face.range for one in source.errors]
+    ranges = [one.face.range for one in source.errors]
     axes.plot(
         ranges,
         np.maximum(_sizes(quantity.values(source.errors)), least),
@@ -128,13 +128,13 @@ def _draw_source(axes: Axes, source: EvaluatedSource, name: str, quantity: Quant
         markeredgewidth=0,
     )
     bins = [one for one in by_distance(source.shots, _edges(settings)) if one.errors]
-    middles = [float(np.mean([one.error.face.range for one in part.errors])) for part in bins]
+    middles = [float(np.mean([one.face.range for one in part.errors])) for part in bins]
     medians = [max(float(np.median(_sizes(quantity.values(part.errors)))), least) for part in bins]
     axes.plot(middles, medians, marker=style.mark, color=style.color, linewidth=1.9, markersize=6, label=style.label)
 
 
 def _edges(settings: Settings) -> Sequence[float]:
-    return distance_edges(settings.bin_width, settings.sight.max_range)
+    return distance_edges(settings.bin_width, settings.visibility.max_range)
 
 
 def _sizes(values: FloatArray) -> FloatArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from palletloc.evaluation.batch import BatchJob, BatchResult, evaluate_job
-from palletloc.evaluation.evaluated_recording import EvaluatedRecording
+from palletloc.evaluation.recording import EvaluatedRecording
 from palletloc.report.evaluation_page import REPORT, evaluation_page
 
 

@@ -8,10 +8,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from palletloc.drawing.canvas import small_png
-from palletloc.evaluation.consistency import chi_square_check
-from palletloc.evaluation.evaluated_recording import EvaluatedRecording
-from palletloc.evaluation.evaluated_run import EvaluatedRun, EvaluatedSource, Settings
+from palletloc.evaluation.recording import EvaluatedRecording
 from palletloc.evaluation.requirement import RequirementCheck, Verdict
+from palletloc.evaluation.run import EvaluatedRun, EvaluatedSource, Settings
+from palletloc.evaluation.statistics import chi_square_check
 from palletloc.evaluation.time_pairing import TimeRule
 from palletloc.evaluation.truth import RecordingTruth
 from palletloc.report.aisle_figure import aisle_figure
@@ -71,8 +71,8 @@ def _setting(truth: RecordingTruth, run: EvaluatedRun, settings: Settings) -> It
     asked = settings.requirement
     yield paragraph(
         f"{len(truth.recording.shots)} shots, {len(truth.pallets)} true pallets. A pallet has to be found within"
-        f" {settings.sight.max_range:g} m. Required: depth, along and height within {1000 * asked.depth:g} mm and yaw"
-        f" within {math.degrees(asked.yaw):g}{_DEGREE}, in {100 * asked.share:g} % of all cases, shown at a"
+        f" {settings.visibility.max_range:g} m. Required: depth, along and height within {1000 * asked.depth:g} mm"
+        f" and yaw within {math.degrees(asked.yaw):g}{_DEGREE}, in {100 * asked.share:g} % of all cases, shown at a"
         f" confidence of {100 * asked.confidence:g} %.",
         "lead",
     )
@@ -176,7 +176,7 @@ def _worst(shots: Sequence[WorstShot]) -> Iterator[str]:
         cells = ", ".join(
             f"{quantity.label} {quantity.values([one.error])[0]:+.2f} {quantity.unit}" for quantity in QUANTITIES
         )
-        face = one.error.error.face
+        face = one.error.face
         text = f"{one.file}, pallet {face.id}, {face.range:.2f} m away: {cells}; {one.share:.2f} of what is allowed."
         if one.picture:
             yield picture(embedded(one.picture, "jpeg"), text)

@@ -9,9 +9,8 @@ import numpy as np
 
 from palletloc.drawing.canvas import small_png
 from palletloc.evaluation.breakdown import by_distance, by_pallet, distance_edges
-from palletloc.evaluation.estimate_error import COMPONENTS, EstimateError
-from palletloc.evaluation.evaluated_run import EvaluatedRun, Settings
-from palletloc.evaluation.side_by_side import ComparedRuns
+from palletloc.evaluation.pose_error import COMPONENTS, PoseError
+from palletloc.evaluation.run import ComparedRuns, EvaluatedRun, Settings
 from palletloc.report.comparison_figure import comparison_figure
 from palletloc.report.page import Column, embedded, heading, paragraph, picture, table
 from palletloc.report.source_style import QUANTITIES, STYLES
@@ -25,7 +24,7 @@ GROUPS = (
 )
 
 
-def _group(errors: Sequence[EstimateError]) -> list[str]:
+def _group(errors: Sequence[PoseError]) -> list[str]:
     """Return the median and the 95 % of each quantity."""
     cells = []
     for quantity in QUANTITIES:
@@ -38,7 +37,7 @@ def _group(errors: Sequence[EstimateError]) -> list[str]:
 
 def distance_rows(run: EvaluatedRun, settings: Settings) -> Iterator[list[str]]:
     """Yield a row for each source and bin of distance."""
-    edges = distance_edges(settings.bin_width, settings.sight.max_range)
+    edges = distance_edges(settings.bin_width, settings.visibility.max_range)
     for name, source in run.sources.items():
         for one in by_distance(source.shots, edges):
             if one.found.trials:

@@ -9,9 +9,9 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from palletloc.drawing.canvas import GRID, INK, SERIES
-from palletloc.evaluation.estimate_error import EstimateError
+from palletloc.evaluation.pose_error import PoseError
 from palletloc.evaluation.requirement import Requirement
-from palletloc.evaluation.run_files import SHOTS_SOURCE, TRACKS_SOURCE
+from palletloc.evaluation.run import SHOTS_SOURCE, TRACKS_SOURCE
 from palletloc.geometry import FloatArray
 
 
@@ -49,11 +49,11 @@ class Quantity:
     scale: float
     """How many of that are in a metre or radian."""
 
-    def values(self, errors: Sequence[EstimateError]) -> FloatArray:
+    def values(self, errors: Sequence[PoseError]) -> FloatArray:
         """Return the errors in the unit, (n,)."""
         return self.scale * np.array([one.offset[self.column] for one in errors])
 
-    def sigmas(self, errors: Sequence[EstimateError]) -> FloatArray:
+    def sigmas(self, errors: Sequence[PoseError]) -> FloatArray:
         """Return the standard deviations in the unit, (n,)."""
         return self.scale * np.sqrt([one.covariance[self.column, self.column] for one in errors])
 
@@ -77,9 +77,7 @@ def prepare(axes: Axes) -> None:
     axes.set_axisbelow(True)
 
 
-def reach(
-    groups: Iterable[Sequence[EstimateError]], of: Callable[[Sequence[EstimateError]], FloatArray]
-) -> FloatArray:
+def reach(groups: Iterable[Sequence[PoseError]], of: Callable[[Sequence[PoseError]], FloatArray]) -> FloatArray:
     """Return a value for each error of all groups, (n,)."""
     parts = [of(group) for group in groups if group]
     return np.concatenate(parts) if parts else np.zeros(0)

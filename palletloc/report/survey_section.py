@@ -7,9 +7,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from palletloc.evaluation.survey_document import instrument_errors, survey_notes
-from palletloc.evaluation.truth import RecordingTruth
+from palletloc.evaluation.truth import RecordingTruth, survey_notes
 from palletloc.report.page import Column, heading, paragraph, table
+from palletloc.survey.polar import instrument_errors
 from palletloc.survey.truth import PlacedBody, SurveyedTruth
 
 _DEGREE, _SIGMA = "\N{DEGREE SIGN}", "\N{GREEK SMALL LETTER SIGMA}"

@@ -11,13 +11,12 @@ import numpy as np
 from palletloc.drawing.canvas import MEASURED, REFUSED
 from palletloc.drawing.overlay import Mark, cut_out, draw_overlay, region_of_interest
 from palletloc.errors import PalletLocError
-from palletloc.evaluation.estimate_error import EstimateError
-from palletloc.evaluation.evaluated_run import EvaluatedRun
+from palletloc.evaluation.pose_error import PoseError
 from palletloc.evaluation.requirement import Requirement
-from palletloc.evaluation.run_files import SHOTS_SOURCE
+from palletloc.evaluation.run import SHOTS_SOURCE, EvaluatedRun
 from palletloc.geometry import Image
-from palletloc.io.recording import Recording, Shot
-from palletloc.offline import Job
+from palletloc.io.recording import Recording, ShotFile
+from palletloc.recording_run import Job
 from palletloc.report.shot_stages import ShotStages, shot_stages, stage_job
 
 WORST = 4
@@ -29,7 +28,7 @@ _WIDEST, _QUALITY = 1040, 85
 class WorstShot:
     """A pallet in a shot with one of the largest errors."""
 
-    error: EstimateError
+    error: PoseError
     """The error."""
     file: str
     """The shot's image."""
@@ -83,11 +82,11 @@ def worst_shots(
     return found
 
 
-def _share(one: EstimateError, requirement: Requirement) -> float:
+def _share(one: PoseError, requirement: Requirement) -> float:
     return float((np.abs(one.offset) / requirement.limits).max())
 
 
-def _drawn(worst: WorstShot, shot: Shot, job: Job) -> WorstShot:
+def _drawn(worst: WorstShot, shot: ShotFile, job: Job) -> WorstShot:
     """Return a shot with its pictures, or with why there is none."""
     try:
         picture = _picture(worst.error, job.recording.image(shot), job.recording)
@@ -97,9 +96,9 @@ def _drawn(worst: WorstShot, shot: Shot, job: Job) -> WorstShot:
     return replace(worst, picture=picture, stages=stages)
 
 
-def _picture(one: EstimateError, image: Image, recording: Recording) -> bytes:
+def _picture(one: PoseError, image: Image, recording: Recording) -> bytes:
     models = {model.name: model for model in recording.models}
-    face, estimate = one.error.face, one.estimate
+    face, estimate = one.face, one.estimate
     marks = [Mark(models[face.model], face.forklift_from_pallet, REFUSED, heading=False)]
     if estimate.model in models:
         marks.append(Mark(models[estimate.model], estimate.forklift_from_pallet, MEASURED, heading=False))

@@ -15,6 +15,7 @@ import numpy as np
 from palletloc.geometry import FloatArray, wrap_angle
 
 FULL_TURN = 2 * math.pi
+"""In radians."""
 FACE_LIMIT = math.radians(20 / 3600)
 """How far the errors of a pair of faces may be from the usual ones, in radians: 1 mm at 10 m."""
 
@@ -131,11 +132,11 @@ def average_faces(sights: Sequence[PolarObservation]) -> tuple[PolarObservation,
     ValueError
         If there is no sight, or names or heights differ.
     """
-    if len({(one.name, one.reflector_height, one.instrument_height) for one in sights}) != 1:
+    if len({(sight.name, sight.reflector_height, sight.instrument_height) for sight in sights}) != 1:
         raise ValueError("expected sights of one target with equal heights")
-    faces = [[one for one in sights if one.second_face is second] for second in (False, True)]
+    faces = [[sight for sight in sights if sight.second_face is second] for second in (False, True)]
     errors = [_face_errors(first, second) for first, second in zip(*faces, strict=False)]
-    means = [_mean([_as_first_face(one) for one in face]) for face in faces if face]
+    means = [_mean([_as_first_face(sight) for sight in face]) for face in faces if face]
     return replace(_mean(means), line=sights[0].line), errors
 
 
@@ -154,9 +155,17 @@ def misread_faces(faces: Sequence[FaceErrors]) -> list[FaceErrors]:
     """
     if len(faces) < 3:
         return []
-    errors = np.array([[one.index, one.collimation] for one in faces])
+    errors = np.array([[pair.index, pair.collimation] for pair in faces])
     off = np.abs(errors - np.median(errors, axis=0)).max(axis=1)
-    return [one for one, far in zip(faces, off > FACE_LIMIT, strict=True) if far]
+    return [pair for pair, far in zip(faces, off > FACE_LIMIT, strict=True) if far]
+
+
+def instrument_errors(faces: Sequence[FaceErrors]) -> tuple[float, float] | None:
+    """Return the median index and collimation errors of pairs of faces, in radians; None without a pair."""
+    if not faces:
+        return None
+    index, collimation = np.median([[pair.index, pair.collimation] for pair in faces], axis=0)
+    return float(index), float(collimation)
 
 
 def _face_errors(first: PolarObservation, second: PolarObservation) -> FaceErrors:
@@ -173,11 +182,11 @@ def _as_first_face(sight: PolarObservation) -> PolarObservation:
 
 def _mean(sights: Sequence[PolarObservation]) -> PolarObservation:
     start = sights[0]
-    turns = [wrap_angle(one.horizontal - start.horizontal) for one in sights]
-    distances = [one.distance for one in sights if one.distance is not None]
+    turns = [wrap_angle(sight.horizontal - start.horizontal) for sight in sights]
+    distances = [sight.distance for sight in sights if sight.distance is not None]
     return replace(
         start,
         horizontal=(start.horizontal + float(np.mean(turns))) % FULL_TURN,
-        zenith=float(np.mean([one.zenith for one in sights])),
+        zenith=float(np.mean([sight.zenith for sight in sights])),
         distance=float(np.mean(distances)) if distances else None,
     )

@@ -243,7 +243,7 @@ def _tilt_hint(body: SurveyedBody, sigma: float) -> str:
 def _with_true_variance(placed: Sequence[PlacedBody], plan: SurveyPlan) -> tuple[list[PlacedBody], float, list[str]]:
     """Return the bodies with enlarged covariances, if their residuals call for it."""
     total, freedom = (
-        sum(values) for values in zip(*((one.fit.chi2, one.fit.freedom) for one in placed), strict=True)
+        sum(values) for values in zip(*((body.fit.chi2, body.fit.freedom) for body in placed), strict=True)
     )
     factor = total / freedom if freedom else 1.0
     if not freedom or gammaincc(freedom / 2, total / 2) > IMPROBABLE:
@@ -252,7 +252,7 @@ def _with_true_variance(placed: Sequence[PlacedBody], plan: SurveyPlan) -> tuple
         f"{plan.path}: sigma_m: the residuals of all bodies say {math.sqrt(factor) * plan.sigma * 1e3:.2g} mm, not"
         f" {plan.sigma * 1e3:.2g} mm; covariances are enlarged accordingly"
     )
-    return [replace(one, fit=_enlarged(one.fit, factor)) for one in placed], factor, [note]
+    return [replace(body, fit=_enlarged(body.fit, factor)) for body in placed], factor, [note]
 
 
 def _enlarged(fit: BodyFit, factor: float) -> BodyFit:
@@ -263,7 +263,9 @@ def _enlarged(fit: BodyFit, factor: float) -> BodyFit:
 def _level_notes(placed: Sequence[PlacedBody], plan: SurveyPlan) -> list[str]:
     if plan.level:
         return [f"{plan.path}: every body is taken to stand level"]
-    return [f"{one.body.label}: has 2 points and is taken to stand level" for one in placed if one.fit.assumed_level]
+    return [
+        f"{body.body.label}: has 2 points and is taken to stand level" for body in placed if body.fit.assumed_level
+    ]
 
 
 def _relative(survey: Survey, lift: PlacedBody, pallet: PlacedBody) -> TruePose:

@@ -8,13 +8,14 @@ from itertools import pairwise
 
 import numpy as np
 
+from palletloc.choices import Illumination, Side
 from palletloc.geometry import LevelPose
 from palletloc.pallet import Opening, PalletModel
-from palletloc.synthetic.illumination import Illumination, light_of
+from palletloc.synthetic.illumination import light_of
 from palletloc.synthetic.loads import Load, load_on, stack
 from palletloc.synthetic.materials import PLASTICS, WOODS
 from palletloc.synthetic.pallet_solid import PalletBody
-from palletloc.synthetic.placing import ShelfFrame, Side, seeded, standing
+from palletloc.synthetic.placing import ShelfFrame, seeded, standing
 from palletloc.synthetic.rack import Rack, bays, places, rack_boxes
 from palletloc.synthetic.scene import Scene, Solid
 from palletloc.synthetic.surroundings import draw_clutter, draw_hall

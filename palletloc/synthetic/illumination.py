@@ -2,29 +2,13 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
-
 import numpy as np
 
+from palletloc.choices import Illumination
 from palletloc.geometry import FloatArray
 from palletloc.synthetic.scene import Light
 
 _SKY, _KEY = 18, 5
-
-
-class Illumination(StrEnum):
-    """How a scene is lit."""
-
-    EVEN = "even"
-    """Many lamps; hardly a shadow."""
-    LAMPS = "lamps"
-    """Rows of lamps with darker floor between them."""
-    WINDOW = "window"
-    """From one end, brighter there, with long shadows."""
-    SPOT = "spot"
-    """One strong lamp: hard shadows."""
-    DIM = "dim"
-    """A quarter of the light."""
 
 
 _KEY_SHARE = {

@@ -2,30 +2,15 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
-
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from palletloc.cameras import CameraModel, DualFisheye, Equirectangular, FisheyeLens, KannalaBrandt, Pinhole
-from palletloc.synthetic.placing import Side
+from palletloc.choices import CameraKind, Side
 
 _LENS_ANGLE = np.radians(97.0)
 _LENS_COEFFICIENTS = (0.015, -0.009, 0.002, -0.0003)
 _LENS_OFFSET = 0.012
-
-
-class CameraKind(StrEnum):
-    """A kind of camera."""
-
-    EQUIRECTANGULAR = "equirectangular"
-    """A stitched 360-degree image, twice as wide as high."""
-    DUAL_FISHEYE = "dual_fisheye"
-    """Two fisheye lenses, one to each side, twice as wide as high."""
-    KANNALA_BRANDT = "kannala_brandt"
-    """One fisheye lens, looking to the shelf and ahead."""
-    PINHOLE = "pinhole"
-    """A wide-angle lens, looking to the shelf and ahead."""
 
 
 def camera_of(kind: CameraKind, width: int) -> CameraModel:

@@ -10,13 +10,14 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from palletloc.cameras.protocol import CameraModel
+from palletloc.choices import CameraKind
 from palletloc.geometry import FloatArray, Image, LevelPose, wrap_angle
 from palletloc.shelf import ShelfPlane
 from palletloc.synthetic.aisle import Aisle, AisleSpec, draw_aisle
 from palletloc.synthetic.approach import Approach, OdometryNoise, measure_odometry
 from palletloc.synthetic.rays import CameraRays, camera_rays
 from palletloc.synthetic.rendering import Picture, render
-from palletloc.synthetic.rig import CameraKind, camera_of, disturbed, draw_mounting
+from palletloc.synthetic.rig import camera_of, disturbed, draw_mounting
 from palletloc.synthetic.sensor import Sensor, expose
 from palletloc.synthetic.shading import LitScene, lit
 from palletloc.trajectory import Trajectory

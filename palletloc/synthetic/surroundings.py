@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from palletloc.choices import Side
 from palletloc.geometry import LevelPose
 from palletloc.synthetic.loads import stack
 from palletloc.synthetic.materials import CEILING, CONCRETES, INK, LAMP, LINES, PLASTERS, PLASTICS, RUBBER
-from palletloc.synthetic.placing import ShelfFrame, Side, seeded, standing
+from palletloc.synthetic.placing import ShelfFrame, seeded, standing
 from palletloc.synthetic.scene import Box, Paint, Room
 
 

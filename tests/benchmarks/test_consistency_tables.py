@@ -9,8 +9,8 @@ from benchmarks.consistency_tables import FACTORS, class_table, factor_table
 from benchmarks.scenes import draw_scene
 from benchmarks.tables import Section, Value
 from benchmarks.views import HeightClass, ShotViews, View
-from palletloc.config import Method
-from palletloc.evaluation.errors import PoseError, TrueFace
+from palletloc.choices import Method
+from palletloc.evaluation.pose_error import PalletEstimate, PoseError, TrueFace
 from palletloc.geometry import LevelPose
 
 FULL, HALF = draw_scene(0), draw_scene(1)
@@ -21,7 +21,9 @@ def view(
 ) -> View:
     scene = FULL if full else HALF
     face = TrueFace("A", scene.spec.aisle.models[0].name, LevelPose(1.0, 2.0, 0.0, 1.5), 2.5, 1.8, True)
-    error = None if nees is None else PoseError(face, 0.01, -0.02, 0.0, np.radians(0.1), nees, True)
+    estimate = PalletEstimate(0.0, face.model, face.forklift_from_pallet, np.eye(4))
+    offset = np.array([0.01, -0.02, 0.0, np.radians(0.1)])
+    error = None if nees is None else PoseError(0.0, estimate, face, offset, nees, np.eye(4), None)
     return View(scene, face, height, 0.0, error, refused)
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from palletloc.__main__ import COMMANDS
 from palletloc.cli.app import run
-from palletloc.evaluation.error_table import ERROR_COLUMNS
+from palletloc.evaluation.recording import ERROR_COLUMNS
 from palletloc.io.measurements import NoPose, read_measurements
 from palletloc.io.recording import check_shelf, read_recording
 from palletloc.io.truth import read_truth

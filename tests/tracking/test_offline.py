@@ -6,11 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from palletloc.offline import read_job
 from scipy.spatial.transform import RigidTransform
 
 from palletloc.cameras import Equirectangular
 from palletloc.errors import PalletLocError
-from palletloc.evaluation.estimate import from_measurements
+from palletloc.evaluation.pose_error import from_measurements
 from palletloc.evaluation.run_match import TrueScene, match_run
 from palletloc.geometry import FloatArray, LevelPose, level_pose, wrap_angle
 from palletloc.io.measurements import NoPose, write_measurements
@@ -18,7 +19,6 @@ from palletloc.io.recording import Recording, Shot
 from palletloc.io.tracks import TrackRow, read_tracks
 from palletloc.io.truth import read_truth
 from palletloc.measurement import PalletMeasurement, YawSource
-from palletloc.offline import read_job
 from palletloc.pallet import Opening, PalletModel
 from palletloc.shelf import ShelfPlane
 from palletloc.track_status import Status
@@ -281,7 +281,7 @@ def test_tracks_beat_the_shots_that_they_are_made_of(name: str, hits: int) -> No
         scene = TrueScene(truth.forklift, truth.pallets, widths, job.recording.forklift_from_camera)
         match = match_run([shot.time for shot in job.shots], from_measurements(measured), scene)
         assert not any(shot.false for shot in match.shots)
-        return {(one.error.face.id, one.time): one.offset[[0, 1, 3]] for one in match.errors}
+        return {(one.face.id, one.time): one.offset[[0, 1, 3]] for one in match.errors}
 
     def as_measured(rows: Sequence[TrackRow], hits: int) -> list[PalletMeasurement]:
         kept = [row for row in rows if row.hits >= hits and row.age == 0 and row.status is Status.CONFIRMED]

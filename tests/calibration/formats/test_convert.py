@@ -10,11 +10,10 @@ import pytest
 import yaml
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from calibration.formats.camera_file import FiledCamera, optical
-from calibration.formats.convert import convert, read_cameras
+from calibration.formats.camera_file import FiledCamera, camera_text, optical
+from calibration.formats.convert import convert_camera, read_cameras
 from calibration.formats.kalibr import kalibr_text
 from calibration.formats.ocam import OcamCamera
-from calibration.formats.own import camera_text
 from calibration.targets.board_detection import detect_markers
 from palletloc.__main__ import COMMANDS
 from palletloc.cameras import (
@@ -74,7 +73,7 @@ def test_every_format_and_model_keeps_the_camera(tmp_path: Path) -> None:
         for name in names:
             camera = CAMERAS[name]
             out = tmp_path / f"{form}-{name}{SUFFIX[form]}"
-            done = convert(source(tmp_path, camera), form, out)
+            done = convert_camera(source(tmp_path, camera), form, out)
             assert (done.source, done.target) == (name, name)
             assert done.differences[0].largest < 1e-8, (form, name)
             assert done.differences[0].unseen == 0.0
@@ -88,7 +87,7 @@ def test_every_format_and_model_keeps_the_camera(tmp_path: Path) -> None:
 def test_opencv_reads_what_is_written_for_it(tmp_path: Path, suffix: str) -> None:
     camera = CAMERAS["pinhole"]
     assert isinstance(camera, Pinhole)
-    convert(source(tmp_path, camera), "opencv", tmp_path / f"out{suffix}")
+    convert_camera(source(tmp_path, camera), "opencv", tmp_path / f"out{suffix}")
     storage = cv2.FileStorage(str(tmp_path / f"out{suffix}"), cv2.FILE_STORAGE_READ)
     matrix, terms = storage.getNode("camera_matrix").mat(), storage.getNode("distortion_coefficients").mat()
     points = rays(camera)
@@ -101,7 +100,7 @@ def test_opencv_reads_what_is_written_for_it(tmp_path: Path, suffix: str) -> Non
 @pytest.mark.parametrize("model", ["kannala_brandt", "double_sphere", "eucm"])
 @pytest.mark.parametrize("name", ["kannala_brandt", "double_sphere", "eucm", "mei"])
 def test_fisheye_models_stand_for_each_other_within_a_few_pixels(tmp_path: Path, name: str, model: str) -> None:
-    done = convert(source(tmp_path, CAMERAS[name]), f"palletloc/{model}", tmp_path / "out.yaml", max_angle=1.4)
+    done = convert_camera(source(tmp_path, CAMERAS[name]), f"palletloc/{model}", tmp_path / "out.yaml", max_angle=1.4)
     camera = read_cameras(tmp_path / "out.yaml")[0].camera
     assert spec_from_camera(camera).model == model == done.target
     # What is stated is what is there.
@@ -114,7 +113,7 @@ def test_fisheye_models_stand_for_each_other_within_a_few_pixels(tmp_path: Path,
 
 def test_ocam_follows_a_fisheye_beyond_90_degrees(tmp_path: Path) -> None:
     camera = KannalaBrandt(1000, 1000, 260.0, 261.0, 498.0, 502.0, 0.02, -0.008, 0.001, 0.0, np.radians(100.0))
-    done = convert(source(tmp_path, camera), "ocam", tmp_path / "out.txt")
+    done = convert_camera(source(tmp_path, camera), "ocam", tmp_path / "out.txt")
     assert done.differences[0].largest < 0.1
     ocam = read_cameras(tmp_path / "out.txt")[0].camera
     assert isinstance(ocam, OcamCamera)
@@ -135,7 +134,7 @@ def test_two_lenses_go_to_kalibr_and_basalt_and_come_back(tmp_path: Path) -> Non
     ]
     dual = DualFisheye(FisheyeLens(lens, places[0]), FisheyeLens(back, places[1]))
     for form in ("kalibr", "basalt"):
-        convert(source(tmp_path, dual), form, tmp_path / f"out{SUFFIX[form]}")
+        convert_camera(source(tmp_path, dual), form, tmp_path / f"out{SUFFIX[form]}")
         first, second = read_cameras(tmp_path / f"out{SUFFIX[form]}")
         between = places[0].inv() * places[1]
         np.testing.assert_allclose(second.first_from_camera.as_matrix(), between.as_matrix(), atol=1e-9)
@@ -152,7 +151,7 @@ def test_a_camchain_of_two_becomes_one_image_side_by_side(tmp_path: Path) -> Non
     # Kalibr: a point of cam0's optical frame in cam1's.
     written = np.array(yaml.safe_load(chain.read_text())["cam1"]["T_cn_cnm1"])
     np.testing.assert_allclose(written, optical(place.inv()), atol=1e-12)
-    convert(chain, "palletloc/dual_fisheye", tmp_path / "dual.yaml")
+    convert_camera(chain, "palletloc/dual_fisheye", tmp_path / "dual.yaml")
     content = yaml.safe_load((tmp_path / "dual.yaml").read_text())["camera"]
     assert (content["model"], content["width"]) == ("dual_fisheye", 1000)
     assert content["lenses"][1]["center_px"] == [749.0, 250.0]
@@ -320,7 +319,7 @@ def test_a_panorama_has_no_lens(tmp_path: Path, capsys: pytest.CaptureFixture[st
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the lenses are not there")
 def test_a_real_ocam_calibration_shows_tags_far_off_axis(tmp_path: Path) -> None:
-    done = convert(SHARED / "wide/calib_results.txt", "palletloc", tmp_path / "wide.yaml")
+    done = convert_camera(SHARED / "wide/calib_results.txt", "palletloc", tmp_path / "wide.yaml")
     assert done.differences[0].rms < 0.5
     ocam = read_cameras(SHARED / "wide/calib_results.txt")[0].camera
     # Its two polynomials are each other's inverse.

@@ -10,7 +10,7 @@ import pytest
 import yaml
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from calibration.formats.own import read_own
+from calibration.formats.camera_file import read_own
 from calibration.targets.targets import CharucoBoard
 from palletloc.__main__ import COMMANDS
 from palletloc.cameras import CameraModel, Equirectangular, StitchedEquirectangular, StitchedLens

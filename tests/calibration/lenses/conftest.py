@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from calibration.lenses.bundle import BoardView
+from calibration.lenses.problem import BoardView
 from palletloc.cameras import CameraModel
 from palletloc.geometry import FloatArray
 

@@ -10,12 +10,10 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from calibration.intrinsics.corner_file import read_corners
-from calibration.lenses.bundle import BoardView
-from calibration.lenses.fit import Aperture, LensFit, fit_lenses
-from calibration.lenses.hold_out import hold_out_rms
+from calibration.lenses.fit import Aperture, LensFit, bearing_sigma, fit_lenses, hold_out_rms
 from calibration.lenses.linking import UnlinkedError
 from calibration.lenses.models import MODELS, LensCamera
-from calibration.lenses.uncertainty import bearing_sigma
+from calibration.lenses.problem import BoardView
 from palletloc.cameras import DoubleSphere, Eucm, KannalaBrandt, Mei, Pinhole
 from palletloc.geometry import FloatArray
 
@@ -170,7 +168,7 @@ def test_two_lenses_find_their_places() -> None:
     fit = fit_lenses(views, [MODELS["kannala_brandt"]] * 2, apertures)
     off = fit.rig.lenses[1] * back.inv()
     error = np.concatenate([off.rotation.as_rotvec(), fit.rig.lenses[1].translation - back.translation])
-    sigma = fit.sigma[fit.bundle.columns()[1][1]]
+    sigma = fit.sigma[fit.problem.columns()[1][1]]
     assert (np.abs(error) < 4 * sigma).all()
     assert sigma[3:].max() < 0.001
     assert np.abs(error[3:]).max() < 0.002

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from palletloc.cli.app import run
-from palletloc.evaluation.error_table import ERROR_COLUMNS
+from palletloc.evaluation.recording import ERROR_COLUMNS
 from palletloc.geometry import LevelPose, level_pose
 from palletloc.io.measurements import write_measurements
 from palletloc.io.recording import read_recording

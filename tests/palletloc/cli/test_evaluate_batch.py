@@ -15,8 +15,8 @@ import pytest
 
 from palletloc.cli.app import run
 from palletloc.evaluation.batch import BatchJob, evaluate_job, find_jobs, pooled
-from palletloc.evaluation.errors import EvaluationError
-from palletloc.evaluation.evaluated_run import Settings
+from palletloc.evaluation.pose_error import EvaluationError
+from palletloc.evaluation.run import Settings
 from palletloc.geometry import LevelPose, level_pose
 from palletloc.io.measurements import write_measurements
 from palletloc.io.recording import read_recording
@@ -197,6 +197,6 @@ def test_a_scheduler_that_is_not_there_is_one_line(
     recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr("palletloc.evaluation.cluster.CONNECT_TIMEOUT", 0.5)
+    monkeypatch.setattr("palletloc.evaluation.batch.CONNECT_TIMEOUT", 0.5)
     assert batch(recordings, tmp_path / "out", "--scheduler", "tcp://127.0.0.1:1") == 1
     assert capsys.readouterr().err.splitlines()[-1].startswith("palletloc: --scheduler tcp://127.0.0.1:1: cannot be")

@@ -10,18 +10,17 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle
 
 from palletloc.candidate import Candidate, ShotView
-from palletloc.config import Method
+from palletloc.choices import Method
 from palletloc.drawing.canvas import WIDTH_PX, png
 from palletloc.drawing.face_figure import face_figure
 from palletloc.drawing.search_figure import search_figure
 from palletloc.drawing.stages import stage_pictures
-from palletloc.edge_account import EdgeFate, account_edges
+from palletloc.explained import EdgeFate, SearchAxes, account_edges
 from palletloc.face import EdgeKind
 from palletloc.geometry import LevelPose
 from palletloc.localizer import Explanation, Localizer, Start
 from palletloc.measurement import Reason, Stage
 from palletloc.pallet import PalletModel
-from palletloc.search_axes import SearchAxes
 
 POSE = LevelPose(0.4, 2.0, 0.0, np.radians(91))
 

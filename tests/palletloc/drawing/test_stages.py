@@ -11,30 +11,30 @@ from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Polygon
+from palletloc.horizontal_view import HorizontalView
+from palletloc.joint_search import JointSearchConfig
+from palletloc.yaw import YawVote
 from scipy.spatial.transform import RigidTransform
 
 from palletloc.candidate import Candidate, ShotView
-from palletloc.config import LocalizerConfig, Method
+from palletloc.choices import Method
+from palletloc.config import LocalizerConfig
 from palletloc.drawing.canvas import WIDTH_PX, png
 from palletloc.drawing.face_figure import face_figure
-from palletloc.drawing.horizontal_figure import horizontal_figure, vote_stretches
-from palletloc.drawing.naming import name_candidates
+from palletloc.drawing.paper_figures import horizontal_figure, sweep_figure, vote_stretches
 from palletloc.drawing.plan_figure import plan_figure
 from palletloc.drawing.shelf_figure import shelf_figure
 from palletloc.drawing.stages import Picture, stage_pictures
-from palletloc.drawing.sweep_figure import sweep_figure
 from palletloc.edge_fit import EdgeFit
+from palletloc.explained import name_candidates
 from palletloc.face import face_lines
 from palletloc.geometry import FloatArray, LevelPose
-from palletloc.horizontal_view import HorizontalView
-from palletloc.joint_search import JointSearchConfig
 from palletloc.localizer import Explanation, Localizer, Start
 from palletloc.measurement import Reason, Stage
 from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
 from palletloc.plane import PALLET_FROM_VERTICAL, place_plane
 from palletloc.shelf import ShelfPlane
-from palletloc.yaw import YawVote
 
 SHELF = ShelfPlane(1.0, 2.0, np.radians(-90.0), (0.0,))
 Placed = tuple[PalletModel, LevelPose]
@@ -107,24 +107,6 @@ def test_every_picture_can_be_opened_and_shows_something(pictures: list[Picture]
 def test_drawing_leaves_no_figure_open(pictures: list[Picture]) -> None:
     assert pictures
     assert plt.get_fignums() == []
-
-
-def test_pallets_are_named_from_left_to_right(floor_shot: ShotView, floor_pallets: tuple[Placed, ...]) -> None:
-    # the shelf is to the left: what is nearer ahead is farther to the right
-    (left, _), (right, _) = sorted(floor_pallets, key=lambda placed: placed[1].x)
-    starts = [Start(model.name, pose) for model, pose in reversed(floor_pallets)]
-    explained = localizer(floor_shot, [left, right]).explain_from(floor_shot.image, 0.0, starts, (0.0,))
-    named = dict(name_candidates(explained))
-    assert (named["P1"].model.name, named["P2"].model.name) == (left.name, right.name)
-
-
-def test_what_was_given_up_has_names_of_its_own(explained: Explanation) -> None:
-    named = name_candidates(explained)
-    assert len(named) == len(explained.candidates) == len({name for name, _ in named})
-    for name, candidate in named:
-        assert name.startswith("P") == (candidate.refusal is None)
-    scores = [candidate.score for name, candidate in named if name.startswith("C")]
-    assert scores == sorted(scores, reverse=True)
 
 
 def test_given_starts_have_no_shelf_view_and_are_all_drawn_where_asked(

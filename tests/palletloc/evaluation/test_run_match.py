@@ -1,69 +1,101 @@
-from dataclasses import dataclass, replace
+import dataclasses
+import importlib.util
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import RigidTransform
 
-from palletloc.evaluation.breakdown import by_distance, by_pallet, by_stop, by_track, distance_edges, spreads
-from palletloc.evaluation.errors import EvaluationError, Sight
-from palletloc.evaluation.estimate import PalletEstimate
-from palletloc.evaluation.run_match import RunMatch, TrueScene, match_run
-from palletloc.evaluation.shot_match import detection
-from palletloc.evaluation.time_pairing import TimeRule
-from palletloc.geometry import FloatArray, LevelPose, level_pose
-from palletloc.trajectory import Trajectory
-
-TIMES = [0.0, 1.0, 2.0, 3.0]
-PATH = Trajectory(*np.array([TIMES, [0.0, 0.5, 1.0, 1.5], [0.0] * 4, [0.0] * 4]))
-
-
-@dataclass(frozen=True)
-class Standing:
-    """A true pallet, to the left of the path."""
-
-    id: str
-    model: str
-    world_from_pallet: LevelPose
-
-
-PALLETS = (
-    Standing("A", "t11", LevelPose(2.0, 1.8, 0.1, np.pi / 2)),
-    Standing("B", "t11", LevelPose(3.5, 1.8, 0.1, np.pi / 2)),
+from palletloc.evaluation.breakdown import spreads
+from palletloc.evaluation.pose_error import (
+    EvaluationError,
+    PalletEstimate,
+    TrueFace,
+    Visibility,
+    from_measurements,
+    true_faces,
 )
-SCENE = TrueScene(PATH, PALLETS, {"t11": 1.1}, RigidTransform.from_translation([0.3, 0, 1.8]), Sight(max_range=9.0))
+from palletloc.evaluation.run_match import RunMatch, ShotMatch, TrueScene, detection, match_run, match_shot
+from palletloc.evaluation.time_pairing import TimeRule
+from palletloc.geometry import FloatArray, LevelPose
+from palletloc.io.measurements import read_measurements, write_measurements
+from palletloc.io.recording import read_recording
+from palletloc.io.truth import read_truth
+from palletloc.measurement import PalletMeasurement, YawSource
+from palletloc.trajectory import Trajectory
+from tests.palletloc.evaluation.aisle import PALLETS, PATH, SCENE, TIMES, estimate, everything, false_one
 
-
-def estimate(time: float, place: Standing, off: float = 0.0, track: str = "", yaw: float = 0.0) -> PalletEstimate:
-    """Return what a run says of a pallet, ``off`` metres too deep."""
-    forklift_from_world = PATH.pose_at(time).transform().inv()
-    pose = level_pose(
-        forklift_from_world * place.world_from_pallet.transform() * LevelPose(off, 0, 0, yaw).transform()
-    )
-    return PalletEstimate(time, "t11", pose, 1e-4 * np.eye(4), track)
-
-
-def false_one(time: float, track: str = "") -> PalletEstimate:
-    return PalletEstimate(time, "t11", LevelPose(-5.0, -5.0, 0.0, 0.0), np.eye(4), track)
-
-
-def everything(off: float = 0.0) -> list[PalletEstimate]:
-    return [estimate(time, place, off, place.id) for time in TIMES for place in PALLETS]
+SHARED = Path(__file__).resolve().parents[3].parent / "shared"
 
 
 def ids(run: RunMatch) -> list[tuple[float, str]]:
-    return [(one.time, one.error.face.id) for one in run.errors]
+    return [(error.time, error.face.id) for error in run.errors]
+
+
+def at(pose: LevelPose) -> PalletEstimate:
+    return PalletEstimate(0.0, "t11", pose, np.eye(4))
+
+
+def face(pose: LevelPose, name: str = "A", visible: bool = True) -> TrueFace:
+    return TrueFace(name, "t11", pose, 2.0, 1.8 - pose.z, visible)
+
+
+def test_the_closest_pairs_go_first_and_nothing_is_taken_twice() -> None:
+    faces = [face(LevelPose(0.0, 2, 0, 0), "A"), face(LevelPose(0.4, 2, 0, 0), "B")]
+    # the first estimate is nearer to B, which the second one has
+    shot = match_shot(0.0, [at(LevelPose(0.3, 2, 0, 0)), at(LevelPose(0.41, 2, 0, 0))], faces)
+    found = {error.face.id: error.estimate.forklift_from_pallet.x for error in shot.errors}
+    assert found == {"A": 0.3, "B": 0.41}
+
+
+def test_what_lies_half_a_metre_off_belongs_to_nothing() -> None:
+    faces = [face(LevelPose(0, 2, 0, 0))]
+    assert len(match_shot(0.0, [at(LevelPose(0.3, 2, 0.39, 0))], faces).errors) == 1
+    shot = match_shot(0.0, [at(LevelPose(0.3, 2, 0.41, 0))], faces)
+    assert (len(shot.errors), len(shot.missed), len(shot.false)) == (0, 1, 1)
+
+
+def test_a_shot_has_found_missed_and_false_ones() -> None:
+    faces = [face(LevelPose(x, 2, 0, 0), name) for x, name in ((0, "A"), (2, "B"))]
+    shot = match_shot(1.5, [at(LevelPose(x, 2, 0, 0)) for x in (0.01, 0.1, 8)], faces)
+    assert [(error.face.id, error.time) for error in shot.errors] == [("A", 1.5)]
+    assert shot.errors[0].depth == pytest.approx(0.01)
+    assert [face.id for face in shot.missed] == ["B"]
+    assert [estimate.forklift_from_pallet.x for estimate in shot.false] == [0.1, 8]
+
+
+def test_a_pallet_that_need_not_be_found_is_neither_missed_nor_false() -> None:
+    hidden = face(LevelPose(0, 2, 0, 0), visible=False)
+    for found in ([], [at(hidden.forklift_from_pallet)]):
+        shot = match_shot(0.0, found, [hidden])
+        assert (shot.errors, shot.missed, shot.false) == ((), (), ())
+
+
+def test_the_truth_states_its_covariance_where_it_has_one() -> None:
+    faces = [face(LevelPose(x, 2, 0, 0), name) for x, name in ((0, "A"), (2, "B"))]
+    known: dict[str, FloatArray] = {"A": 1e-6 * np.eye(4)}
+    of_a, of_b = match_shot(0.0, [at(LevelPose(x, 2, 0, 0)) for x in (0, 2)], faces, known).errors
+    assert of_a.truth_covariance == pytest.approx(1e-6 * np.eye(4))
+    assert of_b.truth_covariance is None
+
+
+def test_nothing_to_count_gives_no_rate() -> None:
+    assert np.isnan([detection([]).recall, detection([]).false_per_shot]).all()
+    missed = detection([ShotMatch(0.0, (), (), (face(LevelPose(0, 2, 0, 0)),) * 2, ())])
+    assert (missed.recall, missed.found.trials) == (0.0, 2)
 
 
 def test_a_perfect_run_has_every_pallet_and_no_error() -> None:
     run = match_run(TIMES, everything(), SCENE)
     assert ids(run) == [(time, name) for time in TIMES for name in "AB"]
-    assert max(np.abs(one.offset).max() for one in run.errors) < 1e-12
+    assert max(np.abs(error.offset).max() for error in run.errors) < 1e-12
     found = detection(run.shots)
     assert (found.recall, found.false_per_shot, found.shots) == (1.0, 0.0, 4)
 
 
 def test_missed_and_false_ones_are_counted() -> None:
-    rows = [one for one in everything() if (one.time, one.track) != (1.0, "A")] + [false_one(2.0), false_one(2.0)]
+    rows = [row for row in everything() if (row.time, row.track) != (1.0, "A")] + [false_one(2.0), false_one(2.0)]
     run = match_run(TIMES, rows, SCENE)
     found = detection(run.shots)
     assert (found.found.successes, found.found.trials, found.false) == (7, 8, 2)
@@ -72,15 +104,15 @@ def test_missed_and_false_ones_are_counted() -> None:
 
 def test_a_pallet_takes_one_estimate_and_the_second_is_false() -> None:
     run = match_run([0.0], [estimate(0.0, PALLETS[0], 0.02), estimate(0.0, PALLETS[0], 0.01)], SCENE)
-    assert [one.error.depth for one in run.errors] == pytest.approx([0.01])
+    assert [error.depth for error in run.errors] == pytest.approx([0.01])
     assert len(run.shots[0].false) == 1
 
 
 def test_a_pallet_beyond_sight_counts_neither_way() -> None:
-    scene = replace(SCENE, sight=Sight(max_range=1e-3))
+    scene = replace(SCENE, visibility=Visibility(max_range=1e-3))
     run = match_run([0.0], [estimate(0.0, PALLETS[0])], scene)
     assert (run.errors, run.shots[0].missed, run.shots[0].false) == ((), (), ())
-    assert [one.error.face.id for one in run.shots[0].beyond] == ["A"]
+    assert [error.face.id for error in run.shots[0].beyond] == ["A"]
 
 
 def test_shots_without_a_near_truth_are_left_out_and_listed() -> None:
@@ -88,7 +120,7 @@ def test_shots_without_a_near_truth_are_left_out_and_listed() -> None:
     run = match_run(TIMES, everything(), scene)
     assert [shot.time for shot in run.shots] == [0.0, 2.0]
     assert run.without_truth == (1.0, 3.0)
-    assert (run.rule, run.limit, run.largest) == (TimeRule.NEAREST, 0.01, 0.001)
+    assert run.largest == 0.001
 
 
 def test_truth_is_interpolated_only_where_asked_and_never_outside() -> None:
@@ -97,8 +129,8 @@ def test_truth_is_interpolated_only_where_asked_and_never_outside() -> None:
     run = match_run(TIMES, everything(), scene, TimeRule.INTERPOLATED, limit=2.0)
     assert [shot.time for shot in run.shots] == [0.0, 1.0, 2.0]
     assert run.without_truth == (3.0,)
-    assert (run.rule, run.limit, run.largest) == (TimeRule.INTERPOLATED, 2.0, 1.0)
-    assert max(np.abs(one.offset).max() for one in run.errors) < 1e-12
+    assert run.largest == 1.0
+    assert max(np.abs(error.offset).max() for error in run.errors) < 1e-12
     assert len(match_run(TIMES, everything(), scene, TimeRule.INTERPOLATED, limit=1.9).shots) == 2
 
 
@@ -124,88 +156,58 @@ def test_an_empty_run_misses_everything() -> None:
     assert (found.recall, found.found.trials) == (0.0, 8)
 
 
-def test_the_truth_states_its_covariance_where_it_has_one() -> None:
-    def stated(time: float, name: str) -> FloatArray | None:
-        return 1e-6 * (1 + time) * np.eye(4) if name == "A" else None
-
-    run = match_run(TIMES, everything(), replace(SCENE, covariance=stated))
-    for one in run.errors:
-        if one.error.face.id == "B":
-            assert one.truth_covariance is None
-        else:
-            assert one.truth_covariance == pytest.approx(1e-6 * (1 + one.time) * np.eye(4))
+def scorer() -> Any:
+    spec = importlib.util.spec_from_file_location("score", SHARED / "tools/score.py")
+    assert spec
+    assert spec.loader
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
-def test_groups_hold_each_error_once() -> None:
-    run = match_run(TIMES, everything(0.01), SCENE)
-    pallets = by_pallet(run.errors)
-    assert {name: len(group) for name, group in pallets.items()} == {"A": 4, "B": 4}
-    bins = by_distance(run.shots, [0.0, 2.5, 3.0, np.inf])
-    assert sum(len(one.errors) for one in bins) == 8
-    for one in bins:
-        assert all(one.low <= error.error.face.range < one.high for error in one.errors)
+def disturbed(recording: Path, rng: np.random.Generator) -> list[PalletMeasurement]:
+    """Return measurements of every true pallet with errors, some left out, and some of nothing."""
+    truth, forklift_from_camera = read_truth(recording), read_recording(recording).forklift_from_camera
+    found = []
+    for shot in read_recording(recording).shots:
+        faces = true_faces(
+            truth.pallets,
+            {"t11-plastic": 1.1, "epal1-1200": 1.2},
+            truth.forklift.pose_at(shot.time),
+            forklift_from_camera,
+        )
+        poses = [LevelPose(*(face.forklift_from_pallet.as_array() + 0.03 * rng.normal(size=4))) for face in faces]
+        poses = [pose for pose in poses if rng.random() < 0.8]
+        poses += [LevelPose(*rng.uniform(-3, 3, 4)) for _ in range(int(rng.integers(3)))]
+        root = rng.normal(size=(4, 4)) * 0.03
+        found += [
+            PalletMeasurement(shot.time, faces[0].model, pose, root @ root.T, 0.9, YawSource.BOTTOM) for pose in poses
+        ]
+    return found
 
 
-def test_shots_belong_to_the_nearest_stop_within_the_limit() -> None:
-    run = match_run(TIMES, everything(), SCENE)
-    stops = by_stop(run.errors, {"S1": 0.1, "S2": 2.6}, limit=0.5)
-    assert {key: [one.time for one in group] for key, group in stops.items()} == {
-        ("S1", "A"): [0.0],
-        ("S1", "B"): [0.0],
-        ("S2", "A"): [3.0],
-        ("S2", "B"): [3.0],
-    }
-    assert by_stop(run.errors, {}, limit=0.5) == {}
-
-
-def test_a_bin_has_its_lower_edge_and_not_its_upper_one() -> None:
-    run = match_run([0.0], everything()[:2], SCENE)
-    near, far = (one.error.face.range for one in run.errors)
-    assert [len(one.errors) for one in by_distance(run.shots, [0.0, near, far])] == [0, 1]
-
-
-def test_bins_count_what_was_missed_at_that_distance() -> None:
-    run = match_run(TIMES, [], SCENE)
-    ranges = [face.range for shot in run.shots for face in shot.missed]
-    near, far = by_distance(run.shots, [0.0, 3.0, np.inf])
-    assert near.found.trials == sum(distance < 3 for distance in ranges) > 0
-    assert near.found.trials + far.found.trials == 8
-    assert near.found.successes == 0
-
-
-def test_statistics_are_of_their_own_component() -> None:
-    found = spreads(match_run(TIMES, everything(-0.01), SCENE).errors)
-    assert found.depth is not None
-    assert found.along is not None
-    assert found.position is not None
-    assert (found.depth.bias, found.depth.rms, found.along.maximum) == pytest.approx((-0.01, 0.01, 0.0))
-    assert found.position.median == pytest.approx(0.01)
-
-
-def test_nothing_has_no_statistics() -> None:
-    assert spreads([]).yaw is None
-
-
-def test_tracks_show_their_pallets_their_changes_and_what_was_false() -> None:
-    rows = [
-        estimate(0.0, PALLETS[0], track="1"),
-        estimate(1.0, PALLETS[1], track="1"),
-        estimate(2.0, PALLETS[0], track="1"),
-        false_one(3.0, "1"),
-        false_one(3.0, "2"),
-        false_one(3.0),
-    ]
-    first, second = by_track(match_run(TIMES, rows, SCENE).shots)
-    assert (first.track, first.pallets, len(first.errors), first.false) == ("1", ("A", "B", "A"), 3, 1)
-    assert (second.track, second.pallets, second.errors, second.false) == ("2", (), (), 1)
-
-
-@pytest.mark.parametrize("edges", [[1.0], [0.0, 2.0, 2.0], [3.0, 1.0]])
-def test_edges_that_do_not_increase_are_refused(edges: list[float]) -> None:
-    with pytest.raises(ValueError, match="increasing"):
-        by_distance([], edges)
-
-
-def test_a_step_that_is_not_positive_is_refused() -> None:
-    with pytest.raises(ValueError, match="positive"):
-        distance_edges(0.0, 3.0)
+@pytest.mark.parametrize("name", ["dev_lab", "dev_warehouse"])
+def test_another_implementation_counts_the_same(name: str, tmp_path: Path) -> None:
+    recording = SHARED / "data" / name
+    if not (recording.is_dir() and (SHARED / "tools/score.py").is_file()):
+        pytest.skip("no recording or no scorer to compare with")
+    found = disturbed(recording, np.random.default_rng(7))
+    write_measurements(tmp_path / "measurements.csv", found)
+    theirs, their_errors = scorer().score(recording, tmp_path)
+    truth, read = read_truth(recording), read_recording(recording)
+    widths = {model.name: model.width for model in read.models}
+    scene = TrueScene(truth.forklift, truth.pallets, widths, read.forklift_from_camera)
+    rows = from_measurements(
+        row for row in read_measurements(tmp_path / "measurements.csv") if isinstance(row, PalletMeasurement)
+    )
+    run = match_run([shot.time for shot in read.shots], rows, scene, TimeRule.INTERPOLATED, np.inf)
+    found_by_us, sizes = detection(run.shots), spreads(run.errors)
+    assert found_by_us.found.trials == theirs["visible"]
+    assert found_by_us.recall == pytest.approx(theirs["recall"])
+    assert found_by_us.false_per_shot == pytest.approx(theirs["false_per_shot"])
+    assert np.mean([error.nees for error in run.errors]) == pytest.approx(theirs["nees_mean"])
+    for quantity, unit in (("yaw", np.degrees(1)), ("depth", 1e3), ("along", 1e3), ("height", 1e3)):
+        spread = dataclasses.asdict(getattr(sizes, quantity))
+        for mine, other in (("median", "median"), ("p95", "p95"), ("maximum", "max"), ("bias", "bias")):
+            assert spread[mine] * unit == pytest.approx(theirs[quantity][other], rel=1e-6)
+    assert [error.face.id for error in run.errors] == [row["id"] for row in their_errors]

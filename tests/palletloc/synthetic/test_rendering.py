@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from palletloc.cameras import CameraModel, Equirectangular, Pinhole
+from palletloc.choices import CameraKind
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.pallet import PalletModel
 from palletloc.synthetic.pallet_solid import PalletBody
 from palletloc.synthetic.rays import camera_rays
 from palletloc.synthetic.rendering import Picture, render
-from palletloc.synthetic.rig import CameraKind, camera_of
+from palletloc.synthetic.rig import camera_of
 from palletloc.synthetic.scene import Box, Material
 from palletloc.synthetic.shading import lit, look
 from palletloc.synthetic.tracing import CEILING, FLOOR, WALLS, trace

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from palletloc.choices import CameraKind, Side
 from palletloc.geometry import LevelPose, level_pose
 from palletloc.pallet_library import load_library
 from palletloc.synthetic.aisle import AisleSpec
 from palletloc.synthetic.approach import Approach, OdometryNoise
 from palletloc.synthetic.loads import Load
 from palletloc.synthetic.pallet_solid import PalletBody
-from palletloc.synthetic.placing import Side
-from palletloc.synthetic.rig import CameraKind
 from palletloc.synthetic.sensor import Sensor
 from palletloc.synthetic.simulation import SimulationSpec, simulate
 

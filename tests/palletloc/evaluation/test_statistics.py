@@ -1,0 +1,170 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import binom, chi2, kstest
+
+from palletloc.evaluation.statistics import (
+    Consistency,
+    chi_square_check,
+    clopper_pearson,
+    lower_bound,
+    nees,
+    normalised,
+    spread,
+    upper_bound,
+)
+from palletloc.geometry import FloatArray
+
+values = st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=30)
+counts = st.integers(1, 200).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n)))
+confidences = st.floats(0.5, 0.999)
+
+
+@given(values)
+def test_the_mean_square_is_that_of_the_mean_and_the_deviations(errors: list[float]) -> None:
+    found = spread(errors)
+    assert found is not None
+    assert found.rms**2 == pytest.approx(found.mean**2 + np.var(errors), abs=1e-6)
+
+
+@given(values)
+def test_turning_all_signs_turns_the_bias_and_no_size(errors: list[float]) -> None:
+    one, other = spread(errors), spread(-np.array(errors))
+    assert one is not None
+    assert other is not None
+    assert (other.bias, other.mean) == pytest.approx((-one.bias, -one.mean))
+    sizes = ("n", "median", "rms", "p95", "maximum")
+    assert [getattr(other, name) for name in sizes] == pytest.approx([getattr(one, name) for name in sizes])
+
+
+def test_the_95th_percentile_has_5_percent_above() -> None:
+    found = spread(np.arange(1, 102.0))
+    assert found is not None
+    assert (found.n, found.p95, found.maximum) == (101, 96.0, 101.0)
+
+
+def test_nothing_has_no_spread() -> None:
+    assert spread([]) is None
+
+
+@given(counts, confidences)
+def test_the_ends_are_where_a_binomial_tail_holds_half_the_rest(count: tuple[int, int], confidence: float) -> None:
+    successes, trials = count
+    found = clopper_pearson(successes, trials, confidence)
+    tail = (1 - confidence) / 2
+    if successes:
+        assert binom.sf(successes - 1, trials, found.low) == pytest.approx(tail, rel=1e-6)
+    if successes < trials:
+        assert binom.cdf(successes, trials, found.high) == pytest.approx(tail, rel=1e-6)
+    assert 0 <= found.low <= found.value <= found.high <= 1
+
+
+@given(counts)
+def test_failures_are_successes_seen_from_the_other_side(count: tuple[int, int]) -> None:
+    successes, trials = count
+    one, other = clopper_pearson(successes, trials), clopper_pearson(trials - successes, trials)
+    assert (one.low, one.high) == pytest.approx((1 - other.high, 1 - other.low))
+
+
+def test_without_a_success_or_a_failure_the_interval_reaches_the_end() -> None:
+    assert clopper_pearson(0, 20).low == 0
+    assert clopper_pearson(20, 20).high == 1
+
+
+def test_the_interval_covers_at_least_as_often_as_it_says() -> None:
+    trials, true = 30, 0.9
+    chances = binom.pmf(np.arange(trials + 1), trials, true)
+    covers = [
+        found.low <= true <= found.high for found in (clopper_pearson(k, trials, 0.9) for k in range(trials + 1))
+    ]
+    assert 0.9 <= float(chances @ covers) < 1
+
+
+def test_with_every_trial_a_success_the_bound_is_a_power() -> None:
+    assert lower_bound(30, 30, 0.9) == pytest.approx(0.1 ** (1 / 30))
+    assert upper_bound(0, 30, 0.9) == pytest.approx(1 - 0.1 ** (1 / 30))
+
+
+def test_without_a_trial_nothing_is_known() -> None:
+    found = clopper_pearson(0, 0)
+    assert (found.low, found.high) == (0, 1)
+    assert np.isnan(found.value)
+
+
+@pytest.mark.parametrize(("successes", "trials", "confidence"), [(-1, 3, 0.9), (4, 3, 0.9), (1, 3, 0.0), (1, 3, 1.0)])
+def test_impossible_counts_are_refused(successes: int, trials: int, confidence: float) -> None:
+    with pytest.raises(ValueError, match="expected"):
+        clopper_pearson(successes, trials, confidence)
+
+
+def drawn(count: int, factor: float = 1.0) -> tuple[FloatArray, FloatArray]:
+    """Return errors drawn from a covariance, and ``factor`` times that covariance."""
+    rng = np.random.default_rng(8)
+    root = rng.normal(size=(4, 4))
+    return rng.normal(size=(count, 4)) @ root.T, factor * root @ root.T
+
+
+def test_nees_of_draws_from_a_covariance_is_chi_square() -> None:
+    errors, covariance = drawn(3000)
+    assert kstest([nees(error, covariance) for error in errors], chi2(4).cdf).pvalue > 0.01
+
+
+def test_normalised_errors_have_unit_variance_where_truth_and_estimate_err_independently() -> None:
+    rng = np.random.default_rng(1)
+    error = rng.normal(scale=0.03, size=20000) - rng.normal(scale=0.04, size=20000)
+    found = normalised(error, np.full(20000, 0.03**2 + 0.04**2))
+    assert float(found.std()) == pytest.approx(1, abs=0.02)
+
+
+def test_without_a_variance_an_error_is_infinite_with_its_sign() -> None:
+    assert normalised(np.array([-0.1, 0.2, 0.2]), np.array([0.0, -1.0, 4e-2])).tolist() == [-np.inf, np.inf, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("factor", "verdict"),
+    [
+        (1.0, Consistency.CONSISTENT),
+        (0.25, Consistency.OVERCONFIDENT),
+        (4.0, Consistency.UNDERCONFIDENT),
+    ],
+)
+def test_covariances_of_a_wrong_size_are_told(factor: float, verdict: Consistency) -> None:
+    errors, covariance = drawn(200, factor)
+    check = chi_square_check([nees(error, covariance) for error in errors], 4)
+    assert check.verdict is verdict
+    assert check.expected == 4
+    assert check.low < 4 < check.high
+
+
+def test_the_band_holds_the_mean_as_often_as_it_says() -> None:
+    rng = np.random.default_rng(2)
+    means = rng.chisquare(4, size=(4000, 10)).mean(axis=1)
+    check = chi_square_check(np.full(10, 4.0), 4, confidence=0.9)
+    assert np.mean((means >= check.low) & (means <= check.high)) == pytest.approx(0.9, abs=0.015)
+
+
+def test_measurements_of_different_sizes_share_a_band() -> None:
+    rng = np.random.default_rng(3)
+    freedom = rng.integers(1, 5, size=400)
+    check = chi_square_check(rng.chisquare(freedom), freedom)
+    assert check.verdict is Consistency.CONSISTENT
+    assert check.expected == pytest.approx(freedom.mean())
+    assert check.inside == pytest.approx(0.95, abs=0.04)
+
+
+def test_unknown_values_are_left_out_and_improper_ones_count() -> None:
+    check = chi_square_check([np.nan, 4.0, np.inf], 4)
+    assert (check.n, check.unknown, check.improper, check.mean) == (2, 1, 1, np.inf)
+    assert check.verdict is Consistency.OVERCONFIDENT
+
+
+def test_nothing_has_no_verdict() -> None:
+    check = chi_square_check([np.nan], 4)
+    assert (check.n, check.unknown, check.verdict) == (0, 1, Consistency.UNKNOWN)
+
+
+@pytest.mark.parametrize(("freedom", "confidence"), [(0, 0.95), (4, 0.0), (4, 1.0)])
+def test_impossible_requests_are_refused(freedom: int, confidence: float) -> None:
+    with pytest.raises(ValueError, match="expected"):
+        chi_square_check([4.0], freedom, confidence)

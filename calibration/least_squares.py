@@ -6,6 +6,7 @@ The descent is SciPy's (trust region reflective). Residuals are in units of thei
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Literal, Protocol, Self, TypeVar
 
 import numpy as np
@@ -67,21 +68,23 @@ def descend(
     def at(step: FloatArray) -> FloatArray:
         return residuals(start.moved(step))
 
-    def slope(step: FloatArray) -> FloatArray:
-        return np.zeros(0) if derivatives is None else derivatives(start.moved(step), step)
-
-    jacobian = "2-point" if derivatives is None else slope
-    found = least_squares(
+    fit = partial(
+        least_squares,
         at,
         np.zeros(len(scale)),
-        jacobian,
         loss=loss,
         f_scale=SOFT,
         x_scale=scale,
         max_nfev=evaluations,
         xtol=tolerance,
     )
-    return start.moved(np.asarray(found.x, dtype=np.float64))
+    if derivatives is None:
+        return start.moved(np.asarray(fit().x, dtype=np.float64))
+
+    def slope(step: FloatArray) -> FloatArray:
+        return derivatives(start.moved(step), step)
+
+    return start.moved(np.asarray(fit(jac=slope).x, dtype=np.float64))
 
 
 def inverse_normal(jacobian: FloatArray) -> FloatArray:

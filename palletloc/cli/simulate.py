@@ -19,7 +19,7 @@ from palletloc.io.recording import Recording, ShotFile, write_recording
 from palletloc.io.truth import TruePallet, Truth
 from palletloc.pallet_library import find_models
 from palletloc.synthetic.aisle import AisleSpec
-from palletloc.synthetic.sensor import Sensor
+from palletloc.synthetic.rig import Sensor
 from palletloc.synthetic.simulation import Simulation, SimulationSpec
 from palletloc.synthetic.simulation import simulate as draw_simulation
 

@@ -23,10 +23,9 @@ from palletloc.synthetic.materials import CARTONS, CEILING, CONCRETES, PAINTS, P
 from palletloc.synthetic.pallet_solid import PalletBody
 from palletloc.synthetic.placing import standing
 from palletloc.synthetic.rays import CameraRays, camera_rays
-from palletloc.synthetic.rendering import render
+from palletloc.synthetic.rendering import lit, render
+from palletloc.synthetic.rig import Sensor, expose
 from palletloc.synthetic.scene import Light, Room, Scene, Solid
-from palletloc.synthetic.sensor import Sensor, expose
-from palletloc.synthetic.shading import lit
 
 RECORDING = """\
 format: 1

@@ -22,11 +22,9 @@ from palletloc.synthetic.aisle import AisleSpec, draw_aisle
 from palletloc.synthetic.loads import stack
 from palletloc.synthetic.placing import ShelfFrame
 from palletloc.synthetic.rays import CameraRays, camera_rays
-from palletloc.synthetic.rendering import render
-from palletloc.synthetic.rig import camera_of, draw_mounting
+from palletloc.synthetic.rendering import lit, render
+from palletloc.synthetic.rig import Sensor, camera_of, draw_mounting, expose
 from palletloc.synthetic.scene import Solid
-from palletloc.synthetic.sensor import Sensor, expose
-from palletloc.synthetic.shading import lit
 
 Models = tuple[PalletModel, ...]
 Empty = tuple[ShotView, ShelfPlane, ShelfFrame]

@@ -9,8 +9,7 @@ import pytest
 from palletloc.choices import Illumination
 from palletloc.geometry import LevelPose
 from palletloc.pallet import PalletModel
-from palletloc.synthetic.illumination import light_of
-from palletloc.synthetic.lighting import light_field
+from palletloc.synthetic.lighting import light_field, light_of
 from palletloc.synthetic.pallet_solid import PalletBody
 from palletloc.synthetic.scene import Box, Material
 

@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from palletloc.synthetic.rig import Sensor, expose
 from palletloc.synthetic.samples import Samples
-from palletloc.synthetic.sensor import Sensor, expose
 
 PLAIN = Sensor(blur_px=0.0, noise=0.0, jpeg_quality=0)
 

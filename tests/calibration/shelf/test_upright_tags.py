@@ -6,7 +6,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from calibration.shelf.plane import Foot
 from calibration.shelf.upright_tags import TagsOnUprights, tag_places, tag_plane
-from calibration.targets import SingleTag, TargetError
+from calibration.targets.targets import SingleTag, TargetError
 from palletloc.cameras import Equirectangular
 from palletloc.geometry import Image, LevelPose
 from palletloc.io.recording import Recording

@@ -12,7 +12,7 @@ from rich.progress import track
 
 from benchmarks.run_parts import FAR_BELOW, between, match_recording
 from benchmarks.tables import Column, Section, Value
-from palletloc.config import Method
+from palletloc.choices import Method
 from palletloc.evaluation.breakdown import spreads
 from palletloc.evaluation.run_match import ShotMatch, detection
 from palletloc.evaluation.statistics import Spread
@@ -20,7 +20,7 @@ from palletloc.io.atomic import write_bytes
 from palletloc.io.recording import Recording
 from palletloc.io.truth import Truth, read_truth
 from palletloc.measurement import PalletMeasurement
-from palletloc.offline import Job, read_job
+from palletloc.recording_run import Job, read_job
 
 PARTS = {
     f"{FAR_BELOW} m or more below": (FAR_BELOW, math.inf),
@@ -90,7 +90,7 @@ def _measured(job: Job, label: str, console: Console) -> list[PalletMeasurement]
     measured: list[PalletMeasurement] = []
     quiet = not console.is_terminal
     for number in track(range(len(job.shots)), label, console=console, transient=True, disable=quiet):
-        measured += job.explain(number)[1].measurements
+        measured += job.explain(number).measurements
     return measured
 
 

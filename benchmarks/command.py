@@ -18,7 +18,7 @@ from benchmarks.evaluation import measure_evaluation
 from benchmarks.speed import measure_speed
 from benchmarks.tables import Section, as_markdown, as_table
 from benchmarks.tracking import measure_tracking
-from palletloc.config import Method
+from palletloc.choices import Method
 from palletloc.errors import PalletLocError
 
 SAMPLE = "sample"

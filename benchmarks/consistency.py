@@ -11,7 +11,7 @@ from benchmarks.consistency_tables import class_table, factor_table
 from benchmarks.scenes import DrawnScene, draw_scene
 from benchmarks.tables import Section
 from benchmarks.views import ShotViews, expose, look, recorded
-from palletloc.config import Method
+from palletloc.choices import Method
 from palletloc.localizer import Localizer
 from palletloc.synthetic.simulation import simulate
 
@@ -55,9 +55,8 @@ def measure_consistency(
 def _through(scene: DrawnScene, methods: Sequence[Method]) -> Iterator[tuple[Method, ShotViews]]:
     """Return what each method makes of each shot of a scene; nothing is written."""
     simulation = simulate(scene.spec, scene.seed)
-    recording = recorded(simulation)
-    job = (recording.camera, recording.mounting, recording.models)
-    localizers = [Localizer(*job, method) for method in methods] or [Localizer(*job)]
+    models = recorded(simulation).models
+    localizers = [Localizer(models, method) for method in methods] or [Localizer(models)]
     for index in range(scene.spec.shots):
         exposure = expose(scene, simulation, index)
         for localizer in localizers:

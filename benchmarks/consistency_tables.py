@@ -8,7 +8,7 @@ import numpy as np
 
 from benchmarks.tables import Column, Section, Value
 from benchmarks.views import HeightClass, ShotViews, View
-from palletloc.config import Method
+from palletloc.choices import Method
 from palletloc.evaluation.pose_error import PoseError
 
 _CHI2_4 = "NEES as mean / median / 95 %; a covariance that tells the truth gives 4.0 / 3.4 / 9.5"

@@ -13,17 +13,18 @@ from rich.progress import track
 from benchmarks.memory import peak_memory
 from benchmarks.stopwatch import Timings, joined, take_turns
 from benchmarks.tables import Column, Section, Value
-from palletloc.config import Method
+from palletloc.choices import Method
 from palletloc.detection import detect
 from palletloc.errors import PalletLocError
-from palletloc.geometry import Image, LevelPose
+from palletloc.geometry import LevelPose
 from palletloc.io.recording import Recording, read_recording
 from palletloc.localizer import Localizer, Start
 from palletloc.measurement import YawSource
-from palletloc.offline import read_job, shelf_at
 from palletloc.plane import PlaneGrid
-from palletloc.projection import Interpolation, Projector
+from palletloc.projection import Interpolation
+from palletloc.recording_run import read_job
 from palletloc.remap_table import build_table
+from palletloc.shot import Shot
 
 MAX_SHOTS = 6
 """Most shots to measure on, spread over the recording."""
@@ -41,10 +42,8 @@ _COLUMNS = (Column("what"), Column("median", 1), Column("unit"), Column("ratio",
 class Target:
     """A pallet to measure from a given start."""
 
-    image: Image
+    shot: Shot
     """The shot."""
-    time: float
-    """When it was exposed, in seconds."""
     start: Start
     """Off by centimetres and degrees."""
 
@@ -95,31 +94,25 @@ def measure_speed(folder: Path, rounds: int, console: Console) -> list[Section]:
 
 
 def _shot_timings(recording: Recording, number: int, rounds: int) -> Timings:
-    shot = recording.shots[number]
-    image = recording.image(shot)
-    job = read_job(recording.folder)
-    localizer = job.localizer
-    shelf = shelf_at(recording, shot.time, localizer.config.prior)
+    entry, job = recording.shots[number], read_job(recording.folder)
+    image, config = recording.image(entry), job.localizer.config.detection
+    shelf = recording.shelf_at(entry.time)
 
     def look() -> None:
-        projector = Projector(recording.camera)
-        models = list(localizer.models.values())
-        detect(projector, image, shelf, recording.forklift_from_camera, models, localizer.config.detection)
+        # a new shot each time: in a recording none meets the tables of its own planes
+        detect(Shot(image, recording.camera, recording.mounting), shelf, recording.models, config)
 
     def localize() -> None:
-        # a new projector each time: in a recording no shot meets the tables of its own planes
-        replace(job, localizer=_new_localizer(recording)).explain(number)
+        job.explain(number)
 
-    return take_turns({"decode": lambda: recording.image(shot), "detect": look, "shot": localize}, rounds)
+    return take_turns({"decode": lambda: recording.image(entry), "detect": look, "shot": localize}, rounds)
 
 
 def _plane_timings(recording: Recording, rounds: int) -> Timings:
     """Time one megapixel of the shelf's plane: 4 m x 4 m beside the camera."""
-    shot = recording.shots[len(recording.shots) // 2]
-    image = recording.image(shot)
-    job = read_job(recording.folder)
-    shelf = shelf_at(recording, shot.time, job.localizer.config.prior)
-    explained = job.localizer.explain(image, shot.time, shelf)
+    shot = recording.shot(recording.shots[len(recording.shots) // 2])
+    image, localizer = shot.image, Localizer(recording.models)
+    explained = localizer.explain(shot, recording.shelf_at(shot.time))
     camera_from_plane = explained.shelf_views[0].view.camera_from_plane
     grid = PlaneGrid(left=-2.0, top=3.0, resolution=0.004, columns=1000, rows=1000)
     table = build_table(recording.camera, camera_from_plane, grid)
@@ -138,11 +131,11 @@ def _targets(recording: Recording, numbers: list[int]) -> list[Target]:
     rng = np.random.default_rng(0)
     targets = []
     for number in numbers:
-        image, explained = job.explain(number)
+        explained = job.explain(number)
         for found in explained.measurements:
             if found.yaw_from is not YawSource.FACE:
                 pose = found.forklift_from_pallet.as_array() + START_ERROR * rng.uniform(-1, 1, 4)
-                targets.append(Target(image, found.time, Start(found.model, LevelPose(*pose.tolist()))))
+                targets.append(Target(explained.shot, Start(found.model, LevelPose(*pose.tolist()))))
     if not targets:
         raise PalletLocError(
             f"{recording.folder}: no pallet found; expected some below or above the camera to measure"
@@ -154,16 +147,12 @@ def _targets(recording: Recording, numbers: list[int]) -> list[Target]:
 def _pallet_timings(recording: Recording, target: Target, rounds: int) -> Timings:
     def measure(method: Method) -> Callable[[], object]:
         def once() -> object:
-            localizer = _new_localizer(recording, method)
-            return localizer.localize_from(target.image, target.time, [target.start], recording.shelf.levels)
+            shot = replace(target.shot)  # with no table of its planes
+            return Localizer(recording.models, method).localize_from(shot, [target.start], recording.shelf.levels)
 
         return once
 
     return take_turns({str(method): measure(method) for method in Method}, rounds)
-
-
-def _new_localizer(recording: Recording, method: Method = Method.REFINED) -> Localizer:
-    return Localizer(recording.camera, recording.mounting, recording.models, method)
 
 
 def _step_rows(shots: Timings, planes: Timings, size: str) -> list[tuple[Value, ...]]:

@@ -13,14 +13,14 @@ from scipy.spatial.transform import RigidTransform
 from benchmarks.run_parts import FAR_BELOW
 from benchmarks.scenes import DrawnScene
 from benchmarks.visibility import hidden_shares
+from palletloc.candidate import Refusal
+from palletloc.choices import CameraKind
 from palletloc.evaluation.pose_error import PoseError, TrueFace, from_measurements, true_faces
 from palletloc.evaluation.run_match import PAIRING_DISTANCE, match_shot
-from palletloc.geometry import Image
 from palletloc.io.recording import Recording
 from palletloc.io.truth import TruePallet
 from palletloc.localizer import Explanation, Localizer
-from palletloc.offline import shelf_at
-from palletloc.synthetic.rig import CameraKind
+from palletloc.shot import Shot
 from palletloc.synthetic.simulation import Simulation
 
 MOST_HIDDEN = 0.5
@@ -98,9 +98,7 @@ class Exposure:
     """What was drawn."""
     recording: Recording
     """What the localizer may know."""
-    time: float
-    """When it was exposed, in seconds."""
-    image: Image
+    shot: Shot
     """The shot."""
     faces: tuple[TrueFace, ...]
     """Every pallet beside the path; visible are those that have to be found."""
@@ -112,11 +110,12 @@ def expose(scene: DrawnScene, simulation: Simulation, index: int) -> Exposure:
     """Render one shot, and say which pallets a method has to find in it."""
     picture = simulation.picture(index)
     hidden = hidden_shares(simulation, index, picture.solids)
+    recording = recorded(simulation)
+    image, time = simulation.exposed(index, picture), float(simulation.times[index])
     return Exposure(
         scene,
-        recorded(simulation),
-        float(simulation.times[index]),
-        simulation.exposed(index, picture),
+        recording,
+        Shot(image, recording.camera, recording.mounting, time),
         counted_faces(simulation, index, hidden),
         tuple(hidden),
     )
@@ -180,10 +179,10 @@ def look(exposure: Exposure, localizer: Localizer) -> ShotViews:
     localizer : Localizer
         For its recording.
     """
-    shelf = shelf_at(exposure.recording, exposure.time, localizer.config.prior)
-    explained = localizer.explain(exposure.image, exposure.time, shelf)
+    shelf = exposure.recording.shelf_at(exposure.shot.time, localizer.config.prior)
+    explained = localizer.explain(exposure.shot, shelf)
     camera_height = float(exposure.recording.forklift_from_camera.translation[2])
-    result = match_shot(exposure.time, from_measurements(explained.measurements), exposure.faces)
+    result = match_shot(exposure.shot.time, from_measurements(explained.measurements), exposure.faces)
     errors = {error.face.id: error for error in result.errors}
     heights = {model.name: model.height for model in exposure.recording.models}
     views = [
@@ -209,8 +208,8 @@ def _given_up(explained: Explanation, face: TrueFace) -> bool:
     """Tell whether a candidate was given up where a pallet stands."""
     true = face.forklift_from_pallet.as_array()[:3]
     places = [
-        (candidate.pose or candidate.start).as_array()[:3]
-        for candidate in explained.candidates
-        if candidate.refusal is not None
+        (refusal.candidate.start if refusal.fit is None else refusal.fit.pose).as_array()[:3]
+        for refusal in explained.outcomes
+        if isinstance(refusal, Refusal)
     ]
     return any(float(np.linalg.norm(place - true)) < PAIRING_DISTANCE for place in places)

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 from rich.console import Console
 from rich.text import Text
 
-from calibration.outcome import Outcome
 from palletloc.errors import PalletLocError
+
+if TYPE_CHECKING:
+    from calibration.outcome import Outcome
+    from calibration.sections import ResultPage
 
 app = typer.Typer(no_args_is_help=True, help="Calibrate the camera's mounting, lenses and shelf plane; make targets.")
 
@@ -74,11 +77,13 @@ def shelf(
     tag_offset: Annotated[float, typer.Option(help="How far their faces lie before the front, in metres.")] = 0.0,
 ) -> None:
     """Find the front plane of a shelf from a recording; by default around the plane that it states."""
-    from calibration.shelf.run import calibrate_shelf
+    from calibration import calibrate_shelf
+    from calibration.outcome import write_result
+    from calibration.shelf.report import shelf_page
     from calibration.shelf.survey import Front
     from calibration.shelf.upright_tags import TagsOnUprights
 
-    if front not in [one.value for one in Front]:
+    if front not in [known.value for known in Front]:
         raise typer.BadParameter(f"--front {front}: expected uprights or pallets")
     if side not in (None, "left", "right"):
         raise typer.BadParameter(f"--side {side}: expected left or right")
@@ -87,8 +92,10 @@ def shelf(
         raise typer.BadParameter("--side and --distance go together")
     tags = None if tag_size is None else TagsOnUprights(tag_dictionary, tag_size, tag_offset)
     with _progress() as told:
-        outcome = calibrate_shelf(recording, out, side, distance, Front(front), tags, told)
-    _conclude(outcome)
+        page = shelf_page(calibrate_shelf(recording, side, distance, Front(front), tags, told))
+        told("writing the report")
+        files = write_result(page, out)
+    _finish(page, files)
 
 
 @app.command("check")
@@ -102,13 +109,15 @@ def check(
     ] = 0.15,
 ) -> None:
     """Check whether the camera still sits on the forklift as a recording says."""
-    from calibration.check.run import calibrate_check
+    from calibration import check_mounting
+    from calibration.check.report import check_page
+    from calibration.outcome import write_report
 
     if out is not None:
         _expect(out, ".html")
     with _progress() as told:
-        outcome = calibrate_check(recording, tolerance, out, told)
-    _conclude(outcome)
+        page = check_page(check_mounting(recording, tolerance, told))
+    _finish(page, () if out is None else write_report(page, out))
 
 
 def _expect(out: Path, *suffixes: str) -> None:
@@ -123,6 +132,20 @@ def _progress() -> Iterator[Callable[[str], None]]:
     console = Console(stderr=True)
     with console.status("reading") as status:
         yield status.update if console.is_terminal else lambda _: None
+
+
+def _finish(page: ResultPage, files: Sequence[Path]) -> NoReturn:
+    """Print a result and what was written, and end with its exit code."""
+    from calibration.result_page import reason_lines, terminal_parts
+
+    console = Console()
+    for part in terminal_parts(page):
+        console.print(part)
+    for path in files:
+        console.print(Text(f"written: {path}"), soft_wrap=True)
+    for line in reason_lines(page):
+        typer.echo(f"palletloc: {line}", err=True)
+    raise typer.Exit(page.exit_code)
 
 
 def _conclude(outcome: Outcome) -> None:
@@ -174,12 +197,16 @@ def intrinsics(
     ] = "kannala_brandt",
 ) -> None:
     """Find the parameters of a lens, or of two, from shots of boards."""
-    from calibration.intrinsics.run import calibrate_intrinsics
+    from calibration import calibrate_lenses
+    from calibration.intrinsics.report import lenses_page
+    from calibration.outcome import write_result
 
     _expect(out, ".yaml", ".yml")
     with _progress() as told:
-        outcome = calibrate_intrinsics(folder, model, out, told)
-    _conclude(outcome)
+        page = lenses_page(calibrate_lenses(folder, model, told))
+        told("writing the report")
+        files = write_result(page, out)
+    _finish(page, files)
 
 
 @app.command("convert")
@@ -195,7 +222,7 @@ def convert(
     """Convert a camera file to the form of another program, or to another lens model."""
     from math import degrees, radians
 
-    from calibration.formats.convert import convert_camera
+    from calibration import convert_camera
 
     done = convert_camera(source, to, out, camera, radians(max_angle_deg))
     console = Console()

@@ -20,17 +20,15 @@ import numpy as np
 from palletloc.drawing.canvas import show_view
 from palletloc.evaluation.pose_error import true_faces
 from palletloc.geometry import LevelPose
-from palletloc.horizontal_view import HorizontalView, YawConfig, view_horizontal
 from palletloc.io.recording import read_recording
 from palletloc.io.truth import read_truth
 from palletloc.measurement import Reason, YawSource
-from palletloc.projection import Projector
-from palletloc.yaw import find_lines, measure_line, measure_yaw
+from palletloc.paper.horizontal_view import HorizontalView, YawConfig, view_horizontal
+from palletloc.paper.yaw import find_lines, measure_line, measure_yaw
 
 sample = Path(str(files("palletloc") / "sample"))
 recording, truth = read_recording(sample), read_truth(sample)
-shot = recording.shots[3]
-image = recording.image(shot)
+shot = recording.shot(recording.shots[3])
 pallet = recording.models[0]
 mounting = recording.forklift_from_camera
 faces = true_faces(truth.pallets, {pallet.name: pallet.width}, truth.forklift.pose_at(shot.time), mounting)
@@ -49,11 +47,11 @@ def shifted(along_ray: float, turn_deg: float) -> LevelPose:
 # The plane through the lower edge, placed by a start that is turned by 3.1 degrees and 20 cm too far away. Its
 # centre line (dotted) is where the edge would be if the start were right.
 
-projector, config = Projector(recording.camera), YawConfig(search=0.3)
+config = YawConfig(search=0.3)
 
 
 def look(pose: LevelPose) -> HorizontalView:
-    return view_horizontal(projector, image, mounting.inv(), pose, pallet, YawSource.BOTTOM, config)
+    return view_horizontal(shot, pose, pallet, YawSource.BOTTOM, config)
 
 
 def show(seen: HorizontalView, slope: float, up: float, title: str) -> None:
@@ -74,7 +72,7 @@ show(seen, float(np.tan(line.turn)), line.up, "as the start places the plane, wi
 # A Hough transform found that line; its angle has steps. A robust line through the peaks of the gradient, one
 # for each cut across it, measures it to a fraction of a pixel. The plane placed again shows the line level.
 
-fit = measure_line(projector, seen, line, pallet, config)
+fit = measure_line(shot, seen, line, pallet, config)
 slope = float(np.tan(line.turn)) if fit is None else fit.slope
 turned = replace(start, yaw=start.yaw + float(np.arctan(slope)))
 show(look(turned), 0.0, line.up, "placed again with the measured yaw")
@@ -88,7 +86,7 @@ for name, yaw in (("start", start.yaw), ("Hough", start.yaw + line.turn), ("grad
 for along_ray in (-0.2, 0.0, 0.2, 0.4):
     seen = look(shifted(along_ray, 3.1))
     line = find_lines(seen, config)[0]
-    fit = measure_line(projector, seen, line, pallet, config)
+    fit = measure_line(shot, seen, line, pallet, config)
     turn = line.turn if fit is None else float(np.arctan(fit.slope))
     print(f"{100 * along_ray:+4.0f} cm along the ray: {3.1 + np.degrees(turn):+.3f} deg")
 
@@ -96,7 +94,7 @@ for along_ray in (-0.2, 0.0, 0.2, 0.4):
 # When the position is known, too (here: the true one), every level line of the face can be measured where it
 # appears on the plane. They vote, each with its own sigma.
 
-estimate = measure_yaw(projector, look(replace(true, yaw=turned.yaw)), turned, pallet, config)
+estimate = measure_yaw(shot, look(replace(true, yaw=turned.yaw)), turned, pallet, config)
 if not isinstance(estimate, Reason):
     for vote in estimate.votes:
         off = np.degrees(turned.yaw + vote.turn - true.yaw)

@@ -14,13 +14,11 @@ so.
 import matplotlib.pyplot as plt
 import numpy as np
 
+from palletloc import Localizer, Mounting, Shot, load_library
 from palletloc.drawing.canvas import rgb
 from palletloc.evaluation.pose_error import from_measurements, true_faces
 from palletloc.evaluation.run_match import match_shot
 from palletloc.io.truth import TruePallet
-from palletloc.localizer import Localizer
-from palletloc.mounting import Mounting
-from palletloc.pallet_library import load_library
 from palletloc.synthetic.aisle import AisleSpec
 from palletloc.synthetic.simulation import SimulationSpec, simulate
 
@@ -36,9 +34,8 @@ axes.set(title=f"{image.shape[1]} x {image.shape[0]}, rendered", xlabel="u / px"
 # %%
 # Localized like any other shot:
 
-localizer = Localizer(simulation.camera, Mounting(simulation.recorded_mounting), [pallet])
-shelf = simulation.shelf.seen_from(simulation.odometry.pose_at(time))
-found = localizer.localize(image, time, shelf)
+shot = Shot(image, simulation.camera, Mounting(simulation.recorded_mounting), time)
+found = Localizer([pallet]).localize(shot, simulation.shelf.seen_from(simulation.odometry.pose_at(time)))
 
 # %%
 # The true pallets as the forklift sees them, those that count as visible, and the errors of the measurements
@@ -47,14 +44,14 @@ found = localizer.localize(image, time, shelf)
 mounting = simulation.forklift_from_camera
 placed = [TruePallet(drawn.name, drawn.model.name, drawn.world_from_pallet) for drawn in simulation.aisle.pallets]
 faces = true_faces(placed, {pallet.name: pallet.width}, simulation.truth.pose_at(time), mounting)
-shot = match_shot(time, from_measurements(found), faces)
-for error in shot.errors:
+compared = match_shot(time, from_measurements(found), faces)
+for error in compared.errors:
     print(
         f"{error.face.id:>3}, {error.face.range:.1f} m away, {error.face.below:.1f} m below the camera: "
         f"depth {1e3 * error.depth:+.0f}, along {1e3 * error.along:+.0f}, up {1e3 * error.height:+.0f} mm, "
         f"yaw {np.degrees(error.yaw):+.2f} deg, squared in sigmas {error.nees:.1f}"
     )
-print(f"missed: {[face.id for face in shot.missed]}, false: {len(shot.false)}")
+print(f"missed: {[face.id for face in compared.missed]}, false: {len(compared.false)}")
 
 # %%
 # In numbers of their own sigmas, four errors squared add up to 4 on average if the covariance tells the truth.

@@ -21,7 +21,7 @@ from tracking.smoother import smoothed
 from tracking.stream import RecordingSource, ShelfLocalizer, stream
 
 recording = read_recording(Path(str(files("palletloc") / "sample")))
-localizer = ShelfLocalizer(Localizer(recording.camera, recording.mounting, recording.models), recording.shelf)
+localizer = ShelfLocalizer(Localizer(recording.models), recording.camera, recording.mounting, recording.shelf)
 tracker = PalletTracker(models=recording.models, keep_history=True)
 for event in stream(RecordingSource(recording), localizer, tracker):
     if event.track is not None:

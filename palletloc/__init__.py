@@ -6,16 +6,19 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from palletloc.config import LocalizerConfig, Method
+    from palletloc.candidate import Candidate, Fit, Refusal
+    from palletloc.choices import Method
+    from palletloc.config import LocalizerConfig
     from palletloc.errors import PalletLocError
     from palletloc.geometry import LevelPose
     from palletloc.io.recording import Recording, read_recording
     from palletloc.localizer import Explanation, Localizer, Start
-    from palletloc.measurement import PalletMeasurement, Refusal
+    from palletloc.measurement import PalletMeasurement, RefusedCandidate
     from palletloc.mounting import Mounting
     from palletloc.pallet import Opening, PalletModel
     from palletloc.pallet_library import find_models, load_library
     from palletloc.shelf import ShelfPlane
+    from palletloc.shot import Shot
 
 __version__ = "0.1.0"
 
@@ -25,14 +28,18 @@ _HOMES = {
     "LevelPose": "geometry",
     "Localizer": "localizer",
     "LocalizerConfig": "config",
-    "Method": "config",
+    "Method": "choices",
     "Mounting": "mounting",
     "Opening": "pallet",
     "PalletLocError": "errors",
     "PalletMeasurement": "measurement",
     "PalletModel": "pallet",
     "Recording": "io.recording",
-    "Refusal": "measurement",
+    "Refusal": "candidate",
+    "RefusedCandidate": "measurement",
+    "Shot": "shot",
+    "Fit": "candidate",
+    "Candidate": "candidate",
     "ShelfPlane": "shelf",
     "Start": "localizer",
     "find_models": "pallet_library",
@@ -41,7 +48,9 @@ _HOMES = {
 }
 
 __all__ = [
+    "Candidate",
     "Explanation",
+    "Fit",
     "LevelPose",
     "Localizer",
     "LocalizerConfig",
@@ -53,7 +62,9 @@ __all__ = [
     "PalletModel",
     "Recording",
     "Refusal",
+    "RefusedCandidate",
     "ShelfPlane",
+    "Shot",
     "Start",
     "__version__",
     "find_models",

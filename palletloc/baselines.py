@@ -1,113 +1,219 @@
-"""The methods to compare with: the paper's chain as it is written, and the joint search before it."""
+"""The methods to compare with: the paper's chain, as it is written and with lines to a fraction of a pixel."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
 
-from palletloc.candidate import Candidate, ShotView
+from palletloc.candidate import Candidate, Fit, Refusal
 from palletloc.config import LocalizerConfig
+from palletloc.fitting import FitStart, fit_from_starts
 from palletloc.geometry import FloatArray, LevelPose, wrap_angle
-from palletloc.horizontal_view import view_horizontal
-from palletloc.joint_search import search_jointly
 from palletloc.measurement import Reason, Stage, YawSource
-from palletloc.pipeline import horizontal_plane_for, nearest_line, out_of_sight
-from palletloc.position import sweep
-from palletloc.yaw import find_lines
+from palletloc.pallet import PalletModel
+from palletloc.paper.boundary import BoundaryLine
+from palletloc.paper.horizontal_view import horizontal_source, view_horizontal
+from palletloc.paper.joint_search import search_jointly
+from palletloc.paper.position import sweep
+from palletloc.paper.yaw import find_lines, measure_line, measure_yaw
+from palletloc.refinement.face_fit import YawPrior
+from palletloc.refinement.patch import FacePatch, view_patch
+from palletloc.shot import Shot, out_of_sight
 
 NEAR_PEAK = 0.95
 """Hypotheses that score this part of the best one are taken for as good: the spread of the covariance."""
+GLANCE_RESOLUTION = 0.006
+"""Metres per pixel of the view that tells most places from a pallet at a glance."""
+MARGIN = 0.08
+"""What that view shows beyond the face, in metres."""
+LONG = 0.5
+"""Part of the longest line's votes from which on another line may be the face's, too."""
+SMALL_TURN_DEG = 0.1
+"""Correction of the yaw below which the horizontal plane is not placed again, in degrees."""
 
 
-def measure_as_in_paper(shot: ShotView, candidate: Candidate, config: LocalizerConfig) -> None:
+def measure_on_planes(shot: Shot, candidate: Candidate, config: LocalizerConfig) -> Fit | Refusal:
+    """Measure a candidate: yaw (B), position (C), yaw again where the position puts the plane, then the edges.
+
+    Parameters
+    ----------
+    shot : Shot
+        The shot.
+    candidate : Candidate
+        Where a pallet may stand.
+    config : LocalizerConfig
+        Parameters.
+
+    Returns
+    -------
+    Fit or Refusal
+        With lines, horizontal views, sweep and yaw among its steps.
+    """
+    camera = shot.camera_in(candidate.start)
+    hidden = out_of_sight(camera, config.farthest_start)
+    if hidden is not None:
+        return Refusal(candidate, Stage.START, hidden)
+    model = candidate.model
+    source = horizontal_source(model, camera, config.yaw)
+    turned, steps = _line_yaw(shot, candidate, source, config)
+    swept = sweep(shot, turned, model, candidate.height, source is not YawSource.FACE, config.position)
+    if isinstance(swept, Reason):
+        return Refusal(candidate, Stage.POSITION, swept, None, steps)
+    weak = source is YawSource.FACE or candidate.height is None
+
+    def prepared(peak: LevelPose) -> FitStart:
+        return _voted_yaw(shot, model, source, FitStart(peak, YawSource.FACE), config)
+
+    return fit_from_starts(
+        shot, candidate, _surroundings(shot, model, swept.peaks), prepared, weak, config, (*steps, swept)
+    )
+
+
+def _surroundings(
+    shot: Shot, model: PalletModel, poses: Iterable[LevelPose]
+) -> Iterator[tuple[LevelPose, FacePatch]]:
+    """Yield poses with a view of each, where there is one."""
+    half, high = model.width / 2 + MARGIN, model.height + MARGIN
+    for pose in poses:
+        patch = view_patch(shot, pose, (-half, half, -MARGIN, high), GLANCE_RESOLUTION)
+        if not isinstance(patch, Reason):
+            yield pose, patch
+
+
+def _line_yaw(
+    shot: Shot, candidate: Candidate, source: YawSource, config: LocalizerConfig
+) -> tuple[LevelPose, tuple[object, ...]]:
+    """Turn the start by the boundary line next to the view's centre, found by Hough and measured by its peaks.
+
+    Returns it with the view and the lines that were found.
+    """
+    start = candidate.start
+    if source is YawSource.FACE:
+        return start, ()
+    seen = view_horizontal(shot, start, candidate.model, source, config.yaw)
+    lines = find_lines(seen, config.yaw)
+    line = nearest_line(lines)
+    if line is None:
+        return start, (seen, *lines)
+    fit = measure_line(shot, seen, line, candidate.model, config.yaw)
+    turn = line.turn if fit is None else float(np.arctan(fit.slope))
+    return replace(start, yaw=wrap_angle(start.yaw + turn)), (seen, *lines)
+
+
+def nearest_line(lines: list[BoundaryLine]) -> BoundaryLine | None:
+    """Return the line nearest to the view's centre among those that are nearly as long as the longest."""
+    if not lines:
+        return None
+    longest = max(line.votes for line in lines)
+    return min((line for line in lines if line.votes >= LONG * longest), key=lambda line: abs(line.up))
+
+
+def _voted_yaw(
+    shot: Shot, model: PalletModel, source: YawSource, start: FitStart, config: LocalizerConfig
+) -> FitStart:
+    """Measure the yaw by all level edges, twice: the second plane is placed by the first's result."""
+    if source is YawSource.FACE:
+        return start
+    voted, pose, steps = start, start.pose, start.steps
+    for _ in range(2):
+        seen = view_horizontal(shot, pose, model, source, config.yaw)
+        estimate = measure_yaw(shot, seen, pose, model, config.yaw)
+        if isinstance(estimate, Reason):
+            return replace(start, pose=pose, steps=steps)
+        steps = (*steps, seen)
+        turned = abs(wrap_angle(estimate.yaw - pose.yaw))
+        pose = replace(pose, yaw=estimate.yaw)
+        up = model.height if estimate.source is YawSource.TOP else 0.0
+        voted = FitStart(pose, estimate.source, YawPrior(estimate.sigma, up), (*steps, estimate))
+        if turned < np.radians(SMALL_TURN_DEG):
+            break
+    return voted
+
+
+def measure_as_in_paper(shot: Shot, candidate: Candidate, config: LocalizerConfig) -> Fit | Refusal:
     """Measure a candidate as the paper states it: Hough's angle twice, then the sweep without a height prior.
 
     Parameters
     ----------
-    shot : ShotView
+    shot : Shot
         The shot.
     candidate : Candidate
-        Gets the results, or its refusal; the paper has none for a pallet level with the camera.
+        Where a pallet may stand.
     config : LocalizerConfig
         Parameters.
+
+    Returns
+    -------
+    Fit or Refusal
+        The paper has no pose for a pallet level with the camera.
     """
-    hidden = out_of_sight(shot, candidate, config)
+    camera = shot.camera_in(candidate.start)
+    hidden = out_of_sight(camera, config.farthest_start)
     if hidden is not None:
-        return candidate.refuse(Stage.START, hidden)
-    source = horizontal_plane_for(shot, candidate, config)
+        return Refusal(candidate, Stage.START, hidden)
+    model = candidate.model
+    source = horizontal_source(model, camera, config.yaw)
     if source is YawSource.FACE:
-        return candidate.refuse(Stage.YAW, Reason.NO_LINE)
+        return Refusal(candidate, Stage.YAW, Reason.NO_LINE)
     pose = candidate.start
+    views: tuple[object, ...] = ()
+    lines: tuple[BoundaryLine, ...] = ()
     for _ in range(2):
-        seen = view_horizontal(
-            shot.projector, shot.image, shot.camera_from_forklift, pose, candidate.model, source, config.yaw
-        )
-        candidate.horizontal.append(seen)
+        seen = view_horizontal(shot, pose, model, source, config.yaw)
+        views = (*views, seen)
         line = nearest_line(find_lines(seen, config.yaw))
         if line is None:
-            return candidate.refuse(Stage.YAW, Reason.NO_LINE)
-        candidate.lines = [line]
+            return Refusal(candidate, Stage.YAW, Reason.NO_LINE, None, (*views, *lines))
+        lines = (line,)
         pose = replace(pose, yaw=wrap_angle(pose.yaw + line.turn))
-    swept = sweep(
-        shot.projector,
-        shot.image,
-        shot.camera_from_forklift,
-        pose,
-        candidate.model,
-        None,
-        True,
-        config.position,
-    )
+    steps = (*views, *lines)
+    swept = sweep(shot, pose, model, None, True, config.position)
     if isinstance(swept, Reason):
-        return candidate.refuse(Stage.POSITION, swept)
-    candidate.sweep, candidate.pose, candidate.yaw_from = swept, swept.peaks[0], source
-    candidate.score = swept.best
+        return Refusal(candidate, Stage.POSITION, swept, None, steps)
     depth = swept.depth[swept.score >= NEAR_PEAK * swept.best]
     # one pixel of the edge image over the face's width is what the Hough transform resolves
-    yaw_sigma = max(config.yaw.resolution / candidate.model.width, np.radians(config.yaw.hough_step_deg))
-    candidate.covariance = _spread(
-        shot, candidate.pose, float(np.ptp(depth)), config.position.sweep_resolution, float(yaw_sigma)
+    yaw_sigma = max(config.yaw.resolution / model.width, np.radians(config.yaw.hough_step_deg))
+    covariance = _spread(
+        shot, swept.peaks[0], float(np.ptp(depth)), config.position.sweep_resolution, float(yaw_sigma)
     )
-    return None
+    scored = replace(candidate, score=swept.best)
+    return Fit(scored, swept.peaks[0], covariance, source, steps=(*steps, swept))
 
 
-def measure_jointly(shot: ShotView, candidate: Candidate, config: LocalizerConfig) -> None:
+def measure_jointly(shot: Shot, candidate: Candidate, config: LocalizerConfig) -> Fit | Refusal:
     """Measure a candidate by the joint search over yaw and distance.
 
     Parameters
     ----------
-    shot : ShotView
+    shot : Shot
         The shot.
     candidate : Candidate
-        Gets the results, or its refusal.
+        Where a pallet may stand.
     config : LocalizerConfig
         Parameters.
+
+    Returns
+    -------
+    Fit or Refusal
+        With the joint search among its steps.
     """
-    hidden = out_of_sight(shot, candidate, config)
+    hidden = out_of_sight(shot.camera_in(candidate.start), config.farthest_start)
     if hidden is not None:
-        return candidate.refuse(Stage.START, hidden)
-    found = search_jointly(
-        shot.projector,
-        shot.image,
-        shot.camera_from_forklift,
-        candidate.start,
-        candidate.model,
-        config.joint_search,
-    )
+        return Refusal(candidate, Stage.START, hidden)
+    found = search_jointly(shot, candidate.start, candidate.model, config.joint_search)
     if isinstance(found, Reason):
-        return candidate.refuse(Stage.POSITION, found)
-    candidate.joint, candidate.pose, candidate.score = found, found.forklift_from_pallet, found.best
+        return Refusal(candidate, Stage.POSITION, found)
+    pose = found.forklift_from_pallet
     good = found.score >= NEAR_PEAK * found.best
     turns, depths = found.turns[good.any(axis=1)], found.depths[good.any(axis=0)]
     yaw_sigma = max(float(np.ptp(turns)) / np.sqrt(12.0), float(found.turns[1] - found.turns[0]) / 2)
-    candidate.covariance = _spread(
-        shot, candidate.pose, float(np.ptp(depths)), config.joint_search.resolution, yaw_sigma
-    )
-    return None
+    covariance = _spread(shot, pose, float(np.ptp(depths)), config.joint_search.resolution, yaw_sigma)
+    return Fit(replace(candidate, score=found.best), pose, covariance, YawSource.FACE, steps=(found,))
 
 
-def _spread(shot: ShotView, pose: LevelPose, depth_range: float, resolution: float, yaw_sigma: float) -> FloatArray:
+def _spread(shot: Shot, pose: LevelPose, depth_range: float, resolution: float, yaw_sigma: float) -> FloatArray:
     """Return the covariance of a pose that is uncertain along its viewing ray, by a pixel across it, and in yaw."""
     ray = np.array([pose.x, pose.y, pose.z]) - shot.mounting.center
     into = np.array([np.cos(pose.yaw), np.sin(pose.yaw), 0.0])

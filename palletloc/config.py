@@ -2,59 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
-from enum import StrEnum
 
-from palletloc.horizontal_view import YawConfig
-from palletloc.joint_search import JointSearchConfig
-from palletloc.position import PositionConfig
-from palletloc.refinement.alignment import FaceFitConfig
+from palletloc.paper.horizontal_view import YawConfig
+from palletloc.paper.joint_search import JointSearchConfig
+from palletloc.paper.position import PositionConfig
+from palletloc.prior import PriorConfig
+from palletloc.refinement.face_fit import FaceFitConfig
 from palletloc.refinement.hypotheses import SearchConfig
 from palletloc.shelf_view import DetectionConfig
 from palletloc.verification import VerificationConfig
 
-
-class Method(StrEnum):
-    """How a pose is measured from where a pallet may stand."""
-
-    REFINED = "refined"
-    """Hypotheses scored in the image, then all edges of the face to a fraction of a pixel."""
-    HORIZONTAL_PLANE = "horizontal_plane"
-    """Yaw from the horizontal plane by sub-pixel lines, position by the sweep and the face's edges."""
-    PAPER = "paper"
-    """As the paper states it: the Hough transform's angle, and the sweep without any height prior."""
-    JOINT_SEARCH = "joint_search"
-    """The paper's baseline: yaw and distance searched jointly in the vertical projection."""
-
-
-@dataclass(frozen=True, slots=True)
-class PriorConfig:
-    """What is known before anything is measured."""
-
-    level_sigma: float = 0.0025
-    """How far loads stand from the known levels (one standard deviation), in metres: half of what an even floor may
-    be off over 2 m (DIN 18202:2013, table 3, row 4: 5 mm)."""
-    level_reach: float = 0.30
-    """How far from a known level a given start may be to belong to it, in metres."""
-    start_nearer: float = 0.90
-    """How far before a given start a pallet is looked for that is not found near it, in metres."""
-    start_farther: float = 0.90
-    """How far behind a given start a pallet is looked for that is not found near it, in metres."""
-    start_turn_deg: float = 24.0
-    """How far the yaw of such a start may be off, in degrees."""
-    free_sigma: float = 0.30
-    """How far a pallet may stand from a start's height where no level is known, in metres."""
-    yaw_sigma_deg: float = 5.0
-    """How far a start's yaw may be off where only the face can give it, in degrees."""
-    drift_rate_deg_s: float = 0.3
-    """How fast the odometry's heading may drift, in degrees per second."""
-    max_drift_deg: float = 4.0
-    """How far it may drift in all, in degrees."""
-
-    def drift_after(self, duration: float) -> float:
-        """Return how far the odometry's heading may have drifted after some time, in radians."""
-        return math.radians(min(self.drift_rate_deg_s * abs(duration), self.max_drift_deg))
+RANGE_SLACK = 1.2
+"""How much farther than pallets that are looked for a start may be: it need not be where the pallet is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,3 +37,8 @@ class LocalizerConfig:
     """The checks of the final pose."""
     joint_search: JointSearchConfig = field(default_factory=JointSearchConfig)
     """The baseline."""
+
+    @property
+    def farthest_start(self) -> float:
+        """How far from the camera a place to begin from may be, in metres."""
+        return RANGE_SLACK * self.detection.max_range

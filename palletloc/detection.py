@@ -12,16 +12,15 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform
 
-from palletloc.contrast import opening_contrasts, smoothed
+from palletloc.contrast import place_contrasts, smoothed
 from palletloc.geometry import FloatArray, Image, LevelPose, wrap_angle
 from palletloc.matching import EdgeEnergy, edge_energy
 from palletloc.pallet import PalletModel
-from palletloc.projection import Projector
 from palletloc.shelf import ShelfPlane
 from palletloc.shelf_search import Sites, first_steps, refine, search, spaced
 from palletloc.shelf_view import DetectionConfig, ShelfView, view_shelf
+from palletloc.shot import Shot
 from palletloc.template import face_template
 
 CLEAR_CONTRAST = 4.0
@@ -65,25 +64,16 @@ class Detection:
 
 
 def detect(
-    projector: Projector,
-    image: Image,
-    shelf: ShelfPlane,
-    forklift_from_camera: RigidTransform,
-    models: Sequence[PalletModel],
-    config: DetectionConfig,
+    shot: Shot, shelf: ShelfPlane, models: Sequence[PalletModel], config: DetectionConfig
 ) -> tuple[list[Detection], list[ShelfView]]:
     """Find where pallets of the given models may stand.
 
     Parameters
     ----------
-    projector : Projector
-        Of the camera that took the image.
-    image : Image
+    shot : Shot
         The shot.
     shelf : ShelfPlane
         Nominal front plane in the forklift frame at the shot's time.
-    forklift_from_camera : RigidTransform
-        The camera's mounting.
     models : sequence of PalletModel
         What to look for.
     config : DetectionConfig
@@ -101,7 +91,7 @@ def detect(
     ShelfPlaneError
         If the camera is not before the plane.
     """
-    views = view_shelf(projector, image, shelf, forklift_from_camera, models, config)
+    views = view_shelf(shot, shelf, models, config)
     detections: list[Detection] = []
     for seen in views:
         window = (round(0.4 / seen.view.grid.resolution) | 1, round(0.2 / seen.view.grid.resolution) | 1)
@@ -109,7 +99,7 @@ def detect(
         smooth = smoothed(seen.view.image, seen.view.grid)
         for model in models:
             detections += _detected(seen, energy, smooth, model, config)
-    return sorted(detections, key=lambda one: -one.promise), views
+    return sorted(detections, key=lambda detection: -detection.promise), views
 
 
 def _detected(
@@ -161,7 +151,7 @@ def _contrast(
         up = seen.camera_height + (up - seen.camera_height) / scale[:, None]
         return np.stack([right / scale[:, None], up], axis=-1).reshape(-1, len(points), 2)
 
-    return opening_contrasts(smooth, seen.view.grid, model, placing).reshape(-1, len(around))
+    return place_contrasts(smooth, seen.view.grid, model, placing).reshape(-1, len(around))
 
 
 def _poses(seen: ShelfView, sites: Sites) -> list[LevelPose]:

@@ -16,9 +16,8 @@ from scipy.fft import next_fast_len
 from palletloc.geometry import BoolArray, FloatArray
 from palletloc.matching import Energy
 from palletloc.plane import PlaneGrid
+from palletloc.robust import SIGMA_PER_MEDIAN, tukey_weights
 
-TUKEY = 4.685
-"""Tukey's biweight constant: 95 % efficient on normal residuals."""
 CUTS = 64
 """Most cuts across an edge."""
 NOISE_FLOOR_PX = 0.05
@@ -197,7 +196,7 @@ def fit_edges(
     enough = (independent >= fewest) & (agreeing >= 4) & (lines.scale < MAX_SCATTER * reach)
     columns = (lines.offset, lines.slope, sigma_offset, np.sqrt(slope_variance), coverage, strength)
     rows = np.stack(columns, axis=1).tolist()
-    return [EdgeFit(*row) if one else None for row, one in zip(rows, enough.tolist(), strict=True)]
+    return [EdgeFit(*row) if is_enough else None for row, is_enough in zip(rows, enough.tolist(), strict=True)]
 
 
 class _Lines(NamedTuple):
@@ -230,11 +229,10 @@ def _robust_lines(peaks: EdgePeaks, floor: FloatArray, limit: FloatArray) -> _Li
         sums[..., k] = product * counted
     for turn in range(REWEIGHTINGS + 1):
         residual = value - (offset[:, None] + slope[:, None] * along)
-        scale = np.maximum(1.4826 * medians.of(np.abs(residual)), floor)
+        scale = np.maximum(SIGMA_PER_MEDIAN * medians.of(np.abs(residual)), floor)
         if turn == REWEIGHTINGS:
             break
-        weight = np.maximum(1 - (residual / (TUKEY * scale[:, None])) ** 2, 0)
-        weight *= weight
+        weight = tukey_weights(residual, scale[:, None])
         total, a, v, aa, av = (weight[:, None] @ sums)[:, 0].T
         total = np.maximum(total, 1e-9)
         # the limit acts as an observation of a zero slope

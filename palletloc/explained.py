@@ -7,19 +7,18 @@ from enum import StrEnum
 
 import numpy as np
 
-from palletloc.candidate import Candidate
-from palletloc.face import EdgeKind, FaceEdge, FaceLine
-from palletloc.face_view import visible_lines
+from palletloc.candidate import Fit, Refusal
+from palletloc.face import EdgeKind, FaceEdge, FaceLine, visible_lines
 from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 from palletloc.localizer import Explanation
 from palletloc.pallet import PalletModel
-from palletloc.refinement.alignment import FaceEstimate
 from palletloc.refinement.edges import MeasuredEdge
+from palletloc.refinement.face_fit import FaceEstimate
+from palletloc.refinement.normal_equations import USED_WEIGHT
 from palletloc.refinement.patch import FacePatch
-from palletloc.refinement.system import USED_WEIGHT
 
-Named = tuple[tuple[str, Candidate], ...]
-"""Candidates with their names."""
+Named = tuple[tuple[str, Fit | Refusal], ...]
+"""What became of candidates, with their names."""
 
 
 def name_candidates(explanation: Explanation) -> Named:
@@ -32,34 +31,24 @@ def name_candidates(explanation: Explanation) -> Named:
 
     Returns
     -------
-    tuple of (str, Candidate)
+    tuple of (str, Fit or Refusal)
         Pallets first; the others by score, best first.
     """
-    found = [
-        candidate for candidate in explanation.candidates if candidate.refusal is None and candidate.pose is not None
-    ]
-    others = [
-        candidate for candidate in explanation.candidates if candidate.refusal is not None or candidate.pose is None
-    ]
-    found.sort(key=_bearing, reverse=True)
-    others.sort(key=lambda candidate: candidate.score, reverse=True)
+    found = [outcome for outcome in explanation.outcomes if isinstance(outcome, Fit)]
+    others = [outcome for outcome in explanation.outcomes if isinstance(outcome, Refusal)]
+    found.sort(key=lambda fit: float(np.arctan2(fit.pose.y, fit.pose.x)), reverse=True)
+    others.sort(key=lambda refusal: refusal.candidate.score, reverse=True)
     return (
-        *((f"P{i}", candidate) for i, candidate in enumerate(found, start=1)),
-        *((f"C{i}", candidate) for i, candidate in enumerate(others, start=1)),
+        *((f"P{i}", fit) for i, fit in enumerate(found, start=1)),
+        *((f"C{i}", refusal) for i, refusal in enumerate(others, start=1)),
     )
 
 
-def given_up(candidate: Candidate) -> str:
+def given_up(outcome: Fit | Refusal) -> str:
     """Return what a title says of a candidate that was given up: where and why; nothing for a pallet."""
-    if candidate.refusal is None:
+    if isinstance(outcome, Fit):
         return ""
-    stage, reason = candidate.refusal
-    return f" (given up in {stage}: {str(reason).replace('_', ' ')})"
-
-
-def _bearing(candidate: Candidate) -> float:
-    pose = candidate.pose or candidate.start
-    return float(np.arctan2(pose.y, pose.x))
+    return f" (given up in {outcome.stage}: {str(outcome.reason).replace('_', ' ')})"
 
 
 class EdgeFate(StrEnum):

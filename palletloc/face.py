@@ -217,3 +217,9 @@ def edge_shift(edge: FaceEdge, plane_from_camera: FloatArray | Sequence[float], 
         if edge.kind is EdgeKind.TOP:  # a load may begin anywhere near it
             sigma += 2 * radius
     return EdgeShift(float(mean), float(sigma), tangent >= 0)
+
+
+def visible_lines(model: PalletModel, plane_from_camera: FloatArray) -> list[FaceLine]:
+    """Return the lines to measure: from below, a beam hides the lower edge and would be taken for it."""
+    below = plane_from_camera[1] < 0
+    return [line for line in face_lines(model) if not (below and line.kind is EdgeKind.BOTTOM)]

@@ -79,6 +79,18 @@ class LevelPose:
         """Return (x, y, z, yaw) as a (4,) array."""
         return np.array([self.x, self.y, self.z, self.yaw])
 
+    def minus(self, other: LevelPose) -> FloatArray:
+        """Return how far this pose is from another one in the same frame: (4,), the yaw wrapped.
+
+        Examples
+        --------
+        >>> LevelPose(1.0, 2.0, 0.0, 3.1).minus(LevelPose(0.5, 2.0, 0.0, -3.1)).round(6).tolist()
+        [0.5, 0.0, 0.0, -0.083185]
+        """
+        apart = self.as_array() - other.as_array()
+        apart[3] = wrap_angle(apart[3])
+        return apart
+
 
 def level_pose(target_from_source: RigidTransform) -> LevelPose:
     """Return the level part of a transform: its translation and its heading.

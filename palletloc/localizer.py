@@ -1,4 +1,4 @@
-"""Every pallet of one shot: detect, measure each candidate, keep the best one in each place."""
+"""Every pallet of one shot: detect, measure each candidate, weigh its rivals, keep one pallet in each place."""
 
 from __future__ import annotations
 
@@ -8,37 +8,26 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palletloc.aliases import ask_beside
-from palletloc.baselines import measure_as_in_paper, measure_jointly
-from palletloc.cameras.protocol import CameraModel
-from palletloc.candidate import Candidate, ShotView
-from palletloc.config import LocalizerConfig, Method
+from palletloc.candidate import Candidate, Fit, Refusal
+from palletloc.choices import Method
+from palletloc.config import LocalizerConfig
 from palletloc.detection import Detection, detect
-from palletloc.exclusivity import Measure, challenge, exclude_overlaps
-from palletloc.exposure import brightened, points_about, shelf_points
-from palletloc.geometry import FloatArray, Image, LevelPose
-from palletloc.measurement import HeightPrior, PalletMeasurement, Reason, Refusal, Stage
-from palletloc.mounting import Mounting
+from palletloc.fitting import decide
+from palletloc.footprint import overlapping
+from palletloc.geometry import LevelPose
+from palletloc.measurement import HeightPrior, PalletMeasurement, Reason, RefusedCandidate, Stage
+from palletloc.methods import METHODS
+from palletloc.overlap import exclude_overlaps
 from palletloc.pallet import PalletModel
-from palletloc.pipeline import RANGE_SLACK, measure_on_planes
-from palletloc.projection import Projector
-from palletloc.refined import measure_refined
+from palletloc.rivals import one_opening_aside, other_model, wide_start
 from palletloc.shelf import ShelfPlane
 from palletloc.shelf_view import ShelfView
-from palletloc.verification import overlapping
-
-METHODS: dict[Method, Measure] = {
-    Method.REFINED: measure_refined,
-    Method.HORIZONTAL_PLANE: measure_on_planes,
-    Method.PAPER: measure_as_in_paper,
-    Method.JOINT_SEARCH: measure_jointly,
-}
+from palletloc.shot import Shot, points_about, shelf_points
 
 UNVERIFIED = (Method.PAPER, Method.JOINT_SEARCH)
 """Methods without checks of the final pose: what they measure has to promise a pallet from the start."""
 ABOVE = 0.3
-"""How far above the highest level the light on the shelf is looked at, in metres."""
-
+"""How far above the highest level the light on the shelf is looked at, in metres: what a pallet there reaches."""
 ON_FACE = np.array([(part, up) for up in (0.0, 1.0) for part in np.linspace(-0.5, 0.5, 9)])
 """(n, 2) places on a face of which a given pose must show one, in parts of its width and height."""
 
@@ -53,61 +42,41 @@ class Start:
     """The pose."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Explanation:
     """Everything that was found in one shot, stage by stage."""
 
-    time: float
-    """When the shot was exposed, in seconds."""
-    file: str
-    """The shot's image, as the recording names it."""
+    shot: Shot
+    """The shot."""
     shelf_views: tuple[ShelfView, ...]
     """What was searched for pallets."""
     detections: tuple[Detection, ...]
     """Where pallets may stand."""
-    candidates: tuple[Candidate, ...]
-    """Each with the results of its steps, in the order in which they were given or found."""
+    outcomes: tuple[Fit | Refusal, ...]
+    """What became of each candidate, in the order in which they were given or found."""
 
     @property
     def measurements(self) -> list[PalletMeasurement]:
         """The poses of the pallets that passed every check."""
-        found = (measurement_of(candidate, self.time, self.file) for candidate in self.candidates)
-        return [one for one in found if one is not None]
+        return [outcome.measurement(self.shot) for outcome in self.outcomes if isinstance(outcome, Fit)]
 
     @property
-    def refusals(self) -> list[Refusal]:
+    def refusals(self) -> list[RefusedCandidate]:
         """The candidates that were given up."""
         return [
-            Refusal(self.time, candidate.model.name, *candidate.refusal, self.file)
-            for candidate in self.candidates
-            if candidate.refusal is not None
+            RefusedCandidate(
+                self.shot.time, refusal.candidate.model.name, refusal.stage, refusal.reason, self.shot.file
+            )
+            for refusal in self.outcomes
+            if isinstance(refusal, Refusal)
         ]
 
 
-def measurement_of(candidate: Candidate, time: float, file: str) -> PalletMeasurement | None:
-    """Return what a candidate measures; None where it was given up."""
-    if candidate.refusal is not None or candidate.pose is None or candidate.covariance is None:
-        return None
-    return PalletMeasurement(
-        time,
-        candidate.model.name,
-        candidate.pose,
-        candidate.covariance,
-        candidate.rank,
-        candidate.yaw_from,
-        file,
-    )
-
-
 class Localizer:
-    """Finds the pose of every pallet in single shots of one camera.
+    """Finds the pose of every pallet in single shots.
 
     Parameters
     ----------
-    camera : CameraModel
-        The camera.
-    mounting : Mounting
-        Where it sits on the forklift.
     models : iterable of PalletModel
         What to look for.
     method : Method
@@ -117,81 +86,60 @@ class Localizer:
 
     Notes
     -----
-    Holds the camera's projection tables and no other state: shots may come in any order. Not to be shared by
-    threads.
+    Holds no state: shots may come in any order, and from any camera.
     """
 
     def __init__(
         self,
-        camera: CameraModel,
-        mounting: Mounting,
         models: Iterable[PalletModel],
         method: Method = Method.REFINED,
         config: LocalizerConfig | None = None,
     ) -> None:
-        self.projector = Projector(camera)
-        self.mounting = mounting
         self.models = {model.name: model for model in models}
         if not self.models:
             raise ValueError("a localizer needs at least one pallet model")
         self.method = method
         self.config = config or LocalizerConfig()
 
-    def localize(self, image: Image, time: float, shelf: ShelfPlane, file: str = "") -> list[PalletMeasurement]:
+    def localize(self, shot: Shot, shelf: ShelfPlane) -> list[PalletMeasurement]:
         """Find every pallet on a shelf.
 
         Parameters
         ----------
-        image : (height, width) or (height, width, 3) array
-            The shot, gray or in blue-green-red order.
-        time : float
-            When it was exposed, in seconds.
+        shot : Shot
+            The shot.
         shelf : ShelfPlane
-            Nominal front plane in the forklift frame at that time.
-        file : str
-            The image's name, for the results.
+            Nominal front plane in the forklift frame at the shot's time.
 
         Returns
         -------
         list of PalletMeasurement
             Empty where there is none.
-        """
-        return self.explain(image, time, shelf, file).measurements
 
-    def explain(self, image: Image, time: float, shelf: ShelfPlane, file: str = "") -> Explanation:
+        Raises
+        ------
+        ShelfPlaneError
+            If the camera is not before the shelf.
+        """
+        return self.explain(shot, shelf).measurements
+
+    def explain(self, shot: Shot, shelf: ShelfPlane) -> Explanation:
         """Do what `localize` does and keep the result of every stage."""
-        levels = shelf.levels or self.config.detection.heights
-        heights = min(levels), max(levels) + ABOVE
-        image = self._exposed(image, shelf_points(shelf, heights, self.config.detection.max_range))
-        shot = self._shot(image)
-        detections, views = detect(
-            self.projector,
-            image,
-            shelf,
-            self.mounting.forklift_from_camera,
-            list(self.models.values()),
-            self.config.detection,
-        )
-        candidates = [self._detected(detection) for detection in detections]
-        for i, (candidate, detection) in enumerate(zip(candidates, detections, strict=True)):
-            promise = detection.promise if self.method in UNVERIFIED else detection.hope
-            self._measure(shot, candidate, promise, candidates[:i])
-            self._challenge(shot, candidate)
-        exclude_overlaps(candidates)
-        for candidate in candidates:
-            ask_beside(shot, candidate, METHODS[self.method], self.config)
-        exclude_overlaps(candidates)
-        return Explanation(time, file, tuple(views), tuple(detections), tuple(candidates))
+        exposed = self._exposed_for(shot, shelf)
+        detections, views = detect(exposed, shelf, list(self.models.values()), self.config.detection)
+        fits = exclude_overlaps(self._fits(exposed, detections), self.config.verification)
+        fits = exclude_overlaps([self._beside(exposed, fit) for fit in fits], self.config.verification)
+        return Explanation(shot, tuple(views), tuple(detections), tuple(fits))
 
     def localize_from(
-        self, image: Image, time: float, starts: Sequence[Start], levels: Sequence[float] = (), file: str = ""
+        self, shot: Shot, starts: Sequence[Start], levels: Sequence[float] = ()
     ) -> list[PalletMeasurement | None]:
         """Measure pallets from given starts instead of detections.
 
         Parameters
         ----------
-        image, time, file
-            As for `localize`.
+        shot : Shot
+            The shot.
         starts : sequence of Start
             Where to begin.
         levels : sequence of float
@@ -202,58 +150,69 @@ class Localizer:
         list of PalletMeasurement or None
             One for each start, in order; None where nothing was found.
         """
-        explained = self.explain_from(image, time, starts, levels, file)
-        return [measurement_of(candidate, time, file) for candidate in explained.candidates]
+        outcomes = self.explain_from(shot, starts, levels).outcomes
+        return [outcome.measurement(shot) if isinstance(outcome, Fit) else None for outcome in outcomes]
 
-    def explain_from(
-        self, image: Image, time: float, starts: Sequence[Start], levels: Sequence[float] = (), file: str = ""
-    ) -> Explanation:
+    def explain_from(self, shot: Shot, starts: Sequence[Start], levels: Sequence[float] = ()) -> Explanation:
         """Do what `localize_from` does and keep the result of every stage."""
-        candidates = [self._given(start, levels) for start in starts]
-        usable = [candidate.start for candidate in candidates if candidate.refusal is None]
-        if usable:
-            image = self._exposed(image, points_about(usable))
-        shot = self._shot(image)
-        for candidate in candidates:
-            if candidate.refusal is None:
-                METHODS[self.method](shot, candidate, self.config)
-        candidates = [self._looked_for_widely(shot, candidate) for candidate in candidates]
-        for candidate in candidates:
-            self._challenge(shot, candidate)
-            ask_beside(shot, candidate, METHODS[self.method], self.config)
-        return Explanation(time, file, (), (), tuple(candidates))
+        given = [self._given(shot, start, levels) for start in starts]
+        usable = [each.start for each in given if isinstance(each, Candidate)]
+        exposed = shot.exposed_for(points_about(usable)) if usable else shot
+        return Explanation(shot, (), (), tuple(self._from_start(exposed, each) for each in given))
 
-    def _looked_for_widely(self, shot: ShotView, candidate: Candidate) -> Candidate:
-        """Return a candidate that was not found near its start beyond doubt, measured widely if that helps."""
-        if candidate.refusal is not None and candidate.refusal[0] is Stage.START:
-            return candidate
-        certain = candidate.face is None or candidate.rank >= self.config.verification.certain
-        if candidate.refusal is None and certain:
-            return candidate
-        prior, config = self.config.prior, self.config
-        position = replace(config.position, nearer=prior.start_nearer, farther=prior.start_farther)
-        search = replace(
-            config.search, nearer=prior.start_nearer, farther=prior.start_farther, turn_deg=prior.start_turn_deg
-        )
-        yaw = replace(config.yaw, search=min(prior.start_nearer, prior.start_farther))
-        wide = replace(config, position=position, search=search, yaw=yaw)
-        again = Candidate(candidate.model, candidate.start, candidate.height, candidate.score)
-        METHODS[self.method](shot, again, wide)
-        if again.refusal is not None:
-            return candidate
-        return again if candidate.refusal is not None or _clearer(again, candidate) else candidate
+    def _fits(self, shot: Shot, detections: Sequence[Detection]) -> list[Fit | Refusal]:
+        """Measure detections, the best first, but none where a pallet that is beyond doubt stands."""
+        fits: list[Fit | Refusal] = []
+        for detection in detections:
+            candidate = self._detected(detection)
+            unlikely = self._unlikely(detection, candidate, fits)
+            fits.append(Refusal(candidate, Stage.DETECTION, unlikely) if unlikely else self._fit(shot, candidate))
+        return fits
 
-    def _exposed(self, image: Image, points: FloatArray) -> Image:
-        return brightened(image, self.projector.camera, self.mounting, points)
+    def _fit(self, shot: Shot, candidate: Candidate) -> Fit | Refusal:
+        """Measure a candidate, and every other model in its place."""
+        return self._against_models(shot, METHODS[self.method](shot, candidate, self.config))
 
-    def _shot(self, image: Image) -> ShotView:
-        return ShotView(image, self.projector, self.mounting, self.mounting.to_camera)
+    def _from_start(self, shot: Shot, given: Candidate | Refusal) -> Fit | Refusal:
+        """Measure a given start: widely, where nothing beyond doubt is found near it."""
+        if isinstance(given, Refusal):
+            return given
+        measure = METHODS[self.method]
+        near = measure(shot, given, self.config)
+        best = decide(near, [wide_start(shot, near, measure, self.config)], self.config)
+        return self._beside(shot, self._against_models(shot, best))
+
+    def _against_models(self, shot: Shot, best: Fit | Refusal) -> Fit | Refusal:
+        """Weigh every other model; as published, the paper's methods ask no such question."""
+        for model in () if self.method in UNVERIFIED else self.models.values():
+            rival = other_model(shot, best, model, METHODS[self.method], self.config)
+            best = decide(best, [rival], self.config)
+        return best
+
+    def _beside(self, shot: Shot, best: Fit | Refusal) -> Fit | Refusal:
+        """Weigh the same pallet one opening aside."""
+        rivals = one_opening_aside(shot, best, METHODS[self.method], self.config)
+        return decide(best, [rivals], self.config)
+
+    def _exposed_for(self, shot: Shot, shelf: ShelfPlane) -> Shot:
+        levels = shelf.levels or self.config.detection.heights
+        heights = min(levels), max(levels) + ABOVE
+        return shot.exposed_for(shelf_points(shelf, heights, self.config.detection.max_range))
 
     def _detected(self, detection: Detection) -> Candidate:
         height = None if detection.level is None else HeightPrior(detection.level, self.config.prior.level_sigma)
         return Candidate(detection.model, detection.forklift_from_pallet, height, detection.score, detection.yaws)
 
-    def _given(self, start: Start, levels: Sequence[float]) -> Candidate:
+    def _unlikely(self, detection: Detection, candidate: Candidate, before: Sequence[Fit | Refusal]) -> Reason | None:
+        """Tell why a detection is not worth measuring."""
+        certain = [fit for fit in before if isinstance(fit, Fit) and fit.rank >= self.config.verification.certain]
+        if any(overlapping(fit.pose, fit.candidate.model, candidate.start, candidate.model) for fit in certain):
+            return Reason.OVERLAP
+        promise = detection.promise if self.method in UNVERIFIED else detection.hope
+        return Reason.LOW_CONTRAST if promise < self.config.verification.min_promise else None
+
+    def _given(self, shot: Shot, start: Start, levels: Sequence[float]) -> Candidate | Refusal:
+        """Return the candidate at a given start, or why nothing can be measured there."""
         pose, prior = start.forklift_from_pallet, self.config.prior
         near = [level for level in levels if abs(level - pose.z) <= prior.level_reach]
         height = HeightPrior(min(near, key=lambda level: abs(level - pose.z)), prior.level_sigma) if near else None
@@ -261,41 +220,17 @@ class Localizer:
         # an unknown model is refused before its face matters: any face will do
         face = model or replace(next(iter(self.models.values())), name=start.model)
         candidate = Candidate(face, pose, height)
-        reason = Reason.UNKNOWN_MODEL if model is None else self._unusable(pose, model)
-        if reason is not None:
-            candidate.refuse(Stage.START, reason)
-        return candidate
+        reason = Reason.UNKNOWN_MODEL if model is None else self._unusable(shot, candidate)
+        return candidate if reason is None else Refusal(candidate, Stage.START, reason)
 
-    def _unusable(self, pose: LevelPose, model: PalletModel) -> Reason | None:
+    def _unusable(self, shot: Shot, candidate: Candidate) -> Reason | None:
         """Tell why nothing can be measured at a given pose, whatever the method."""
+        pose, model = candidate.start, candidate.model
         if not np.isfinite(pose.as_array()).all():
             return Reason.NOT_FINITE
-        place, center = (pose.x, pose.y, pose.z), self.mounting.center
-        if math.dist(place, center) > RANGE_SLACK * self.config.detection.max_range:
+        if math.dist((pose.x, pose.y, pose.z), shot.mounting.center) > self.config.farthest_start:
             return Reason.OUT_OF_RANGE
-        camera_from_pallet = self.mounting.camera_from_forklift @ pose.matrix()
+        camera_from_pallet = shot.mounting.camera_from_forklift @ pose.matrix()
         face = (ON_FACE * (model.width, model.height)) @ camera_from_pallet[:3, 1:3].T
-        seen = self.projector.camera.project(face + camera_from_pallet[:3, 3])
+        seen = shot.camera.project(face + camera_from_pallet[:3, 3])
         return None if seen.valid.any() else Reason.OUT_OF_VIEW
-
-    def _challenge(self, shot: ShotView, candidate: Candidate) -> None:
-        """Try every other model in the place of a pallet whose height only its size tells."""
-        if self.method in UNVERIFIED:
-            return  # as published they ask no such question
-        others = [model for model in self.models.values() if model.name != candidate.model.name]
-        challenge(shot, candidate, others, METHODS[self.method], self.config)
-
-    def _measure(self, shot: ShotView, candidate: Candidate, promise: float, before: Sequence[Candidate]) -> None:
-        """Measure a detection unless a pallet that is beyond doubt stands there."""
-        certain = (one for one in before if one.refusal is None and one.rank >= self.config.verification.certain)
-        for one in certain:
-            if one.pose and overlapping(one.pose, one.model, candidate.start, candidate.model):
-                return candidate.refuse(Stage.DETECTION, Reason.OVERLAP)
-        if promise < self.config.verification.min_promise:
-            return candidate.refuse(Stage.DETECTION, Reason.LOW_CONTRAST)
-        return METHODS[self.method](shot, candidate, self.config)
-
-
-def _clearer(one: Candidate, other: Candidate) -> bool:
-    """Tell whether the edges of one candidate leave less doubt than another's."""
-    return one.face is not None and (other.face is None or one.face.doubt < other.face.doubt)

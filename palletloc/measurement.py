@@ -104,8 +104,8 @@ class PalletMeasurement:
 
 
 @dataclass(frozen=True, slots=True)
-class Refusal:
-    """A candidate that was given up."""
+class RefusedCandidate:
+    """A candidate of a shot that was given up: a row of refusals.csv."""
 
     time: float
     """When the shot was exposed, in seconds."""

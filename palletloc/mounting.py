@@ -42,24 +42,3 @@ class Mounting:
     def sigma(self) -> FloatArray:
         """(6,) standard deviations: three translations, three rotations."""
         return np.array([*self.translation_sigma, *self.rotation_sigma])
-
-    def apparent_motion(self, points: FloatArray) -> FloatArray:
-        """Return how points seem to move when the true mounting differs from the assumed one.
-
-        Parameters
-        ----------
-        points : (n, 3) array
-            In the forklift frame, in metres.
-
-        Returns
-        -------
-        (n, 3, 6) array
-            Derivative of each apparent point by three translations and three rotations of the assumed mounting.
-        """
-        x, y, z = (points - self.center).T
-        motion = np.zeros((len(points), 3, 6))
-        motion[:, (0, 1, 2), (0, 1, 2)] = 1.0
-        motion[:, 0, 4], motion[:, 0, 5] = z, -y
-        motion[:, 1, 3], motion[:, 1, 5] = -z, x
-        motion[:, 2, 3], motion[:, 2, 4] = y, -x
-        return motion

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palletloc.geometry import FloatArray
+from palletloc.geometry import BoolArray, FloatArray
 
 TUKEY = 4.685
 """Tukey's biweight constant, in standard deviations: 95 % efficient on normal residuals."""
@@ -109,6 +109,44 @@ def robust_sigma(residuals: FloatArray, least: float = 0.0) -> float:
         What is returned at least.
     """
     return max(SIGMA_PER_MEDIAN * float(np.median(np.abs(residuals))), least)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Consensus:
+    """The weighted mean of the largest group of measurements that agree."""
+
+    mean: float
+    """Of the group."""
+    sigma: float
+    """Its standard deviation; larger where the group scatters more than its standard deviations say."""
+    group: BoolArray
+    """(n,) which measurements agree."""
+
+
+def consensus(values: FloatArray, sigma: FloatArray, agreement: float) -> Consensus:
+    """Return the mean of the measurements around the one that most others agree with, weighted by their variances.
+
+    Parameters
+    ----------
+    values : (n,) array
+        At least one.
+    sigma : (n,) array
+        Their standard deviations.
+    agreement : float
+        How many standard deviations of their difference two that agree may be apart.
+
+    Examples
+    --------
+    >>> found = consensus(np.array([1.0, 1.2, 7.0]), np.ones(3), 3.0)
+    >>> round(found.mean, 6), found.group.tolist()
+    (1.1, [True, True, False])
+    """
+    weight = sigma**-2
+    agree = np.abs(values[:, None] - values) <= agreement * np.hypot(sigma[:, None], sigma)
+    group = agree[(agree * weight).sum(axis=1).argmax()]
+    mean = float((values * weight)[group].sum() / weight[group].sum())
+    spread = float((weight * (values - mean) ** 2)[group].sum() / max(group.sum() - 1, 1))
+    return Consensus(mean, float(np.sqrt(max(spread, 1.0) / weight[group].sum())), group)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

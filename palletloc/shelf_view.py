@@ -9,12 +9,12 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from palletloc.errors import PalletLocError
-from palletloc.geometry import FloatArray, Image, LevelPose, wrap_angle
-from palletloc.loose_table import loose_table
+from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 from palletloc.pallet import PalletModel
 from palletloc.plane import PALLET_FROM_VERTICAL, PlaneGrid, PlaneView, place_plane
-from palletloc.projection import Interpolation, Projector
+from palletloc.projection import Interpolation, coarse_table
 from palletloc.shelf import ShelfPlane
+from palletloc.shot import Shot
 
 MIN_DISTANCE = 0.3
 """Least distance of the camera from the shelf's plane, in metres: nearer, a face is seen at a grazing angle."""
@@ -85,12 +85,7 @@ class ShelfView:
 
 
 def view_shelf(
-    projector: Projector,
-    image: Image,
-    shelf: ShelfPlane,
-    forklift_from_camera: RigidTransform,
-    models: Sequence[PalletModel],
-    config: DetectionConfig,
+    shot: Shot, shelf: ShelfPlane, models: Sequence[PalletModel], config: DetectionConfig
 ) -> list[ShelfView]:
     """Project the shot on the nominal plane: a band around each known level, or all of it.
 
@@ -106,6 +101,7 @@ def view_shelf(
     ShelfPlaneError
         If the camera is not before the plane.
     """
+    forklift_from_camera = shot.mounting.forklift_from_camera
     camera = forklift_from_camera.translation
     yaw = shelf.yaw
     into = np.array([np.cos(yaw), np.sin(yaw)])
@@ -122,7 +118,7 @@ def view_shelf(
     beside = LevelPose(foot[0], foot[1], 0.0, yaw)
     matrix = beside.matrix() @ PALLET_FROM_VERTICAL.as_matrix()
     forklift_from_plane = RigidTransform(matrix, normalize=False, copy=False)
-    camera_from_plane = place_plane(forklift_from_camera.inv(), beside, PALLET_FROM_VERTICAL)
+    camera_from_plane = place_plane(shot.mounting.to_camera, beside, PALLET_FROM_VERTICAL)
     columns = _searched(distance, into, rightward, forklift_from_camera, config)
     anchor = float(from_camera @ rightward)
     reach = depth_reach(np.array(columns), anchor, yaw_reach(shelf.drift, config), config)
@@ -130,8 +126,8 @@ def view_shelf(
     views: list[ShelfView] = []
     for level in shelf.levels or (None,):
         grid = _grid(columns, nearest, float(camera[2]), models, level, config)
-        table = loose_table(projector, camera_from_plane, grid)
-        view = PlaneView(table.apply(image, Interpolation.LINEAR), table.valid, grid, camera_from_plane)
+        table = coarse_table(shot.projector, camera_from_plane, grid)
+        view = PlaneView(table.apply(shot.image, Interpolation.LINEAR), table.valid, grid, camera_from_plane)
         views.append(
             ShelfView(forklift_from_plane, yaw, float(camera[2]), distance, columns, anchor, shelf.drift, level, view)
         )

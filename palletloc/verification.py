@@ -8,14 +8,12 @@ all along their length, agreement with the drawing, and no edge that contradicts
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palletloc.geometry import BoolArray, FloatArray, LevelPose
+from palletloc.geometry import FloatArray
 from palletloc.measurement import Reason
-from palletloc.pallet import PalletModel
 
 CONTRAST, SCORE, COVERAGE, DOUBT = 1.5, 5.0, 4.0, -0.8
 """Evidence per factor e of contrast and of doubt, and per unit of score and coverage, in nats.
@@ -56,8 +54,9 @@ class VerificationConfig:
     """Largest standard deviation of a yaw that is of use, in degrees."""
 
 
-class Signs(NamedTuple):
-    """What the face shows at the final pose."""
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """What the face shows at a pose, and how much that speaks for a pallet."""
 
     contrast: float
     """Difference of the less clear opening from the blocks beside it, in spreads of the blocks."""
@@ -74,63 +73,52 @@ class Signs(NamedTuple):
     width_px: float = math.inf
     """Width of the face in the image, in pixels."""
 
-
-@dataclass(frozen=True, slots=True)
-class Verification:
-    """What the face shows at the final pose, and what that says."""
-
-    signs: Signs
-    """What it shows."""
-    reason: Reason | None
-    """Why it is not a pallet; None where it is one."""
+    @property
+    def parts(self) -> tuple[float, float]:
+        """Evidence for a pallet from what lies between the edges, and from the edges, in nats."""
+        contrast = math.log(min(max(self.contrast, 0.2), CLEAR_CONTRAST) / USUAL_CONTRAST)
+        between = (CONTRAST if contrast > 0 else NO_CONTRAST) * contrast
+        edges = SCORE * (min(max(self.score, 0.0), 1.0) - USUAL_SCORE) + COVERAGE * (self.coverage - USUAL_COVERAGE)
+        missing = DOUBT * math.log((max(self.doubt, 0.0) + 0.5) / USUAL_DOUBT)
+        missing += HIDDEN * self.hidden + EXPLAINED * self.explained
+        return between, edges + missing
 
     @property
-    def evidence(self) -> float:
+    def total(self) -> float:
         """How much all signs together speak for a pallet, in nats."""
-        total = sum(_evidence(self.signs))
-        return total if total < 0 else total * min(1.0, self.signs.width_px / ENOUGH_PX)
+        total = sum(self.parts)
+        return total if total < 0 else total * min(1.0, self.width_px / ENOUGH_PX)
 
     @property
-    def shown(self) -> float:
+    def visible(self) -> float:
         """The same without what stands before it: of two places for one pallet more of the better one is seen."""
-        return sum(_evidence(self.signs._replace(explained=0.0)))
+        return sum(replace(self, explained=0.0).parts)
 
     @property
-    def rank(self) -> float:
+    def probability(self) -> float:
         """Probability that it is a pallet, where places with and without one are equally frequent."""
-        return float(1 / (1 + np.exp(-self.evidence)))
+        return float(1 / (1 + np.exp(-self.total)))
 
 
-def verify(signs: Signs, config: VerificationConfig) -> Verification:
+def verify(evidence: Evidence, config: VerificationConfig) -> Reason | None:
     """Check what the face shows at its final pose.
 
     Parameters
     ----------
-    signs : Signs
+    evidence : Evidence
         What it shows.
     config : VerificationConfig
         Thresholds.
 
     Returns
     -------
-    Verification
-        With a reason where it fails: the sign that speaks most against it.
+    Reason or None
+        None where it is a pallet, else the sign that speaks most against it.
     """
-    found = Verification(signs, None)
-    if found.rank >= config.min_rank:
-        return found
-    between, edges = _evidence(signs)
-    return Verification(signs, Reason.LOW_CONTRAST if between < edges else Reason.FEW_EDGES)
-
-
-def _evidence(signs: Signs) -> tuple[float, float]:
-    """Return the evidence for a pallet from what lies between the edges and from the edges, in nats."""
-    contrast = math.log(min(max(signs.contrast, 0.2), CLEAR_CONTRAST) / USUAL_CONTRAST)
-    between = (CONTRAST if contrast > 0 else NO_CONTRAST) * contrast
-    edges = SCORE * (min(max(signs.score, 0.0), 1.0) - USUAL_SCORE) + COVERAGE * (signs.coverage - USUAL_COVERAGE)
-    missing = DOUBT * math.log((max(signs.doubt, 0.0) + 0.5) / USUAL_DOUBT)
-    missing += HIDDEN * signs.hidden + EXPLAINED * signs.explained
-    return between, edges + missing
+    if evidence.probability >= config.min_rank:
+        return None
+    between, edges = evidence.parts
+    return Reason.LOW_CONTRAST if between < edges else Reason.FEW_EDGES
 
 
 def of_use(covariance: FloatArray, config: VerificationConfig) -> bool:
@@ -151,52 +139,3 @@ def of_use(covariance: FloatArray, config: VerificationConfig) -> bool:
     place = float(np.sqrt(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
     turn = float(np.sqrt(covariance[3, 3]))
     return bool(place <= config.max_sigma and turn <= np.radians(config.max_yaw_sigma_deg))
-
-
-def overlapping(pose: LevelPose, model: PalletModel, other: LevelPose, other_model: PalletModel) -> bool:
-    """Tell whether two pallets would stand in each other.
-
-    Parameters
-    ----------
-    pose, other : LevelPose
-        ``forklift_from_pallet`` of both.
-    model, other_model : PalletModel
-        Their models.
-
-    Returns
-    -------
-    bool
-        Whether their front faces overlap by more than a tenth of the narrower one.
-    """
-    return bool(overlaps(pose.as_array(), outline(model), other.as_array(), outline(other_model)))
-
-
-def outline(model: PalletModel) -> FloatArray:
-    """Return (width, height, depth) of a pallet, as `overlaps` takes it."""
-    return np.array([model.width, model.height, model.depth])
-
-
-def overlaps(poses: FloatArray, outlines: FloatArray, others: FloatArray, other_outlines: FloatArray) -> BoolArray:
-    """Tell which pallets would stand in each other, as `overlapping` does for two of them.
-
-    Parameters
-    ----------
-    poses, others : (..., 4) array
-        (x, y, z, yaw) of both in the same frame; the shapes are broadcast.
-    outlines, other_outlines : (..., 3) array
-        Their widths, heights and depths, in metres.
-
-    Returns
-    -------
-    (...) array of bool
-        Whether their front faces overlap by more than a tenth of the narrower one.
-    """
-    away = others - poses
-    cos, sin = np.cos(poses[..., 3]), np.sin(poses[..., 3])
-    along = np.abs(cos * away[..., 1] - sin * away[..., 0])
-    across = np.abs(cos * away[..., 0] + sin * away[..., 1])
-    narrower = np.minimum(outlines, other_outlines)
-    together = (outlines[..., 0] + other_outlines[..., 0]) / 2 - 0.1 * narrower[..., 0]
-    tall = np.maximum(outlines[..., 1], other_outlines[..., 1])
-    found: BoolArray = (along < together) & (np.abs(away[..., 2]) < tall) & (across < narrower[..., 2])
-    return found

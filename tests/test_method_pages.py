@@ -7,9 +7,8 @@ import re
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 
-import pytest
-
-from palletloc.config import LocalizerConfig, Method
+from palletloc.choices import Method
+from palletloc.config import LocalizerConfig
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 PIPELINE = (DOCS / "pipeline.md").read_text(encoding="utf-8")
@@ -17,9 +16,10 @@ RESULTS = (DOCS / "results.md").read_text(encoding="utf-8")
 SECTIONS = {field.name for field in fields(LocalizerConfig)}
 
 
-@pytest.mark.parametrize("name", sorted(set(re.findall(r"`(palletloc(?:\.\w+)+)`", PIPELINE))))
-def test_a_module_that_is_named_exists(name: str) -> None:
-    assert importlib.import_module(name).__doc__
+def test_every_module_that_is_named_exists() -> None:
+    named = set(re.findall(r"`(palletloc(?:\.\w+)+)`", PIPELINE))
+    assert len(named) > 20
+    assert [name for name in sorted(named) if not importlib.import_module(name).__doc__] == []
 
 
 def test_parameters_that_are_named_exist() -> None:

@@ -16,15 +16,16 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.table import Table
 from rich.text import Text
 
+from palletloc.choices import Method
 from palletloc.cli.localize import Tally, fill
-from palletloc.config import LocalizerConfig, Method
+from palletloc.config import LocalizerConfig
 from palletloc.io.config_file import format_config, read_config
 from palletloc.io.recording import Recording, read_recording
 from palletloc.io.run_folder import MEASUREMENTS, Run, RunFolder
 from palletloc.io.tracks import TrackRow
 from palletloc.io.truth import Truth, path_file, read_truth
 from palletloc.measurement import PalletMeasurement
-from palletloc.offline import read_job
+from palletloc.recording_run import read_job
 from palletloc.track_status import Status
 from tracking.config import TrackerConfig
 from tracking.events import Event, EventKind

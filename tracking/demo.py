@@ -30,7 +30,7 @@ from palletloc.evaluation.truth import RecordingTruth, read_recording_truth
 from palletloc.io.atomic import write_text
 from palletloc.io.run_folder import MEASUREMENTS, Run, RunFolder
 from palletloc.io.truth import read_truth
-from palletloc.offline import Job, Outcome, read_job, work_through
+from palletloc.recording_run import Job, ShotOutcome, read_job, work_through
 from tracking.offline import TrackedRecording, read_measured, track_recording, write_run
 
 PAGE, PICTURES = "index.html", "pictures"
@@ -63,7 +63,7 @@ def demo(
     stdout.print(Text(f"look at {out / PAGE}"), soft_wrap=True)
 
 
-def _localize(job: Job, out: Path, sample: Path) -> list[Outcome]:
+def _localize(job: Job, out: Path, sample: Path) -> list[ShotOutcome]:
     run = Run.of(job.recording, str(job.localizer.method), repr(job.localizer.config))
     with RunFolder(out, run, sample, job.shots) as output:
         return list(work_through(job, output, strict=True))
@@ -92,7 +92,7 @@ def _smoothed(truth: RecordingTruth, tracked: TrackedRecording, out: Path) -> Ev
 
 def _report(
     job: Job,
-    outcomes: Sequence[Outcome],
+    outcomes: Sequence[ShotOutcome],
     tracked: TrackedRecording,
     evaluated: EvaluatedRecording,
     smoothed: EvaluatedSource,
@@ -105,7 +105,7 @@ def _report(
 
     write_results(evaluated, out, {REPORT: evaluation_page(evaluated, worst=2)})
     shown = max(range(len(outcomes)), key=lambda i: (len(outcomes[i].rows), i))
-    image, explanation = job.explain(shown)
+    explanation = job.explain(shown)
     result = DemoResult(
         run=evaluated.runs[0],
         smoothed=smoothed,
@@ -113,8 +113,8 @@ def _report(
         tracks=tuple({row.track: row for row in tracked.rows}.values()),
         size=(job.recording.camera.width, job.recording.camera.height),
         seconds_per_shot=median(one.duration for one in outcomes),
-        pictures=write_explanation(job, image, explanation, out / PICTURES),
-        explained=explanation.file,
+        pictures=write_explanation(job, explanation, out / PICTURES),
+        explained=explanation.shot.file,
         folder=PICTURES,
     )
     write_text(out / PAGE, demo_page(result))

@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from palletloc.footprint import outline, overlaps
 from palletloc.geometry import BoolArray, FloatArray
 from palletloc.pallet import PalletModel
 from palletloc.pallet_library import load_library
-from palletloc.verification import outline, overlaps
 
 IndexArray = NDArray[np.intp]
 """Indices."""

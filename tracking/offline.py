@@ -11,7 +11,7 @@ from palletloc.errors import PalletLocError, nearest_name
 from palletloc.geometry import LevelPose, level_pose
 from palletloc.io.atomic import write_bytes
 from palletloc.io.measurements import NoPose, read_measurements
-from palletloc.io.recording import Recording, Shot
+from palletloc.io.recording import Recording, ShotFile
 from palletloc.io.starts import TIME_TOLERANCE
 from palletloc.io.tracks import TRACKS, TrackRow, write_tracks
 from palletloc.measurement import PalletMeasurement
@@ -47,7 +47,7 @@ class UnknownShotError(PalletLocError):
 class ShotTracks:
     """What was known right after a shot, from all that had arrived until then."""
 
-    shot: Shot
+    shot: ShotFile
     """The shot."""
     rows: tuple[TrackRow, ...]
     """The live tracks at its time, in the order of their numbers."""
@@ -180,7 +180,7 @@ def track_recording(
         if time not in skipped:
             events += _telling(tracker.push([ShotTaken(time), *by_shot.get(time, ())]))
         rows = tuple(track_row(state) for state in tracker.tracks(time))
-        shots.append(ShotTracks(Shot(time, given.file), rows, tracker.odom_from_forklift(time)))
+        shots.append(ShotTracks(ShotFile(time, given.file), rows, tracker.odom_from_forklift(time)))
         if follow is not None:
             follow(shots[-1])
     later = _later(recording, tracker) if smooth else None

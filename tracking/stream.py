@@ -9,12 +9,15 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Protocol
 
+from palletloc.cameras.protocol import CameraModel
 from palletloc.errors import PalletLocError
 from palletloc.geometry import Image, LevelPose
-from palletloc.io.recording import Recording, Shot
+from palletloc.io.recording import Recording, ShotFile
 from palletloc.localizer import Localizer
 from palletloc.measurement import PalletMeasurement
+from palletloc.mounting import Mounting
 from palletloc.shelf import ShelfPlane
+from palletloc.shot import Shot
 from tracking.events import Event, EventKind
 from tracking.odometry import Odometry, samples_of
 from tracking.shot_taken import ShotTaken
@@ -67,6 +70,10 @@ class ShelfLocalizer:
 
     localizer: Localizer
     """Finds pallets on a plane in the forklift frame."""
+    camera: CameraModel
+    """The camera."""
+    mounting: Mounting
+    """Where it sits on the forklift."""
     shelf: ShelfPlane
     """The plane, in odom."""
     start: float | None = None
@@ -78,7 +85,7 @@ class ShelfLocalizer:
             self.start = shot.time
         drift = self.localizer.config.prior.drift_after(shot.time - self.start)
         shelf = self.shelf.seen_from(odom_from_forklift, drift)
-        return self.localizer.localize(shot.load(), shot.time, shelf, shot.file)
+        return self.localizer.localize(Shot(shot.load(), self.camera, self.mounting, shot.time, shot.file), shelf)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,7 +106,7 @@ class RecordingSource:
             yield sample
         yield from map(self._shot, waiting)
 
-    def _shot(self, shot: Shot) -> CameraShot:
+    def _shot(self, shot: ShotFile) -> CameraShot:
         return CameraShot(shot.time, partial(self.recording.image, shot), shot.file)
 
 

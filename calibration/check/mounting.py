@@ -29,12 +29,19 @@ from palletloc.geometry import FloatArray
 from palletloc.io.recording import Recording
 
 _MOST_SHOTS = 8
+"""Shots whose edges are looked for: more take time and show the same edges."""
 _AROUND = np.radians([0.0, 60.0, 120.0, 180.0, 240.0, 300.0])
+"""Where patches look for upright edges, in radians: 60 degrees each, all around."""
 _DOWN = -0.1
+"""Height of their direction: uprights reach farther below the camera than above."""
 _FLOOR_AROUND = np.radians([0.0, 90.0, 180.0, 270.0])
+"""Where patches look for lines on the floor, in radians: 45 degrees down, four are enough."""
 _FLOOR_DOWN = -1.0
+"""Height of their direction."""
 _YAW_PRIOR = float(np.radians(3.0))
+"""How far the yaw may be off, one standard deviation, in radians: what a bent bracket does."""
 _YAW_AXIS = 2
+"""Its place among the unknowns."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,7 +96,7 @@ class MountingCheck:
         return _turned(self.recording.forklift_from_camera, turn)
 
 
-def check_mounting(recording: Recording, on_progress: Callable[[str], None] = lambda _: None) -> MountingCheck:
+def measure_turn(recording: Recording, on_progress: Callable[[str], None] = lambda _: None) -> MountingCheck:
     """Look for a turn of the camera.
 
     Parameters
@@ -146,6 +153,7 @@ _WHY = {
     FLOOR: "no line on the floor, along the shelf or square to it, is seen in three shots",
     PALLETS: "fewer than six sights of pallets",
 }
+"""Why a source says nothing."""
 
 
 def _height(estimate: HeightEstimate | None, turn: FloatArray, covariance: FloatArray) -> tuple[float, float] | None:

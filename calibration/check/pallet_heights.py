@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.check.robust_fit import robust_fit
+from calibration.check.tilt_sources import fit_with_prior
 from calibration.drive import relative
 from calibration.shelf.gravity_lines import Tilt
 from calibration.shelf.survey import ShelfSurvey
@@ -19,12 +19,19 @@ from palletloc.geometry import FloatArray, LevelPose
 from palletloc.localizer import Localizer, Start
 
 _MOST_SHOTS = 12
+"""Shots that are measured once more: more take time."""
 _LEAST_SIGHTS = 6
+"""Sights at least: there are five unknowns for one pallet."""
 _ON_LEVEL = 0.08
+"""A pallet nearer to a level stands on it, in metres."""
 _LEVEL, _FREE = 0.006, 0.3
+"""How well the height of a pallet on a level is known, and of another one, in metres."""
 _HEIGHT = 0.02
+"""How well the height of the camera is known before, in metres."""
 _RANGE = 0.006
+"""How well the distance of a pallet is known, in metres."""
 _ELEVATION = float(np.radians(0.04))
+"""Standard deviation of an elevation at least, in radians: what camera model and floor add."""
 _FAINT = 1e-6
 """Information that keeps unknowns of which nothing is told where they are, in per square unit."""
 
@@ -98,7 +105,7 @@ def see_heights(survey: ShelfSurvey) -> HeightSights | None:
     owner = survey.observed.pallet_of
     heights = np.array([float(np.median(seen[owner == i])) for i in range(len(solution.pallets))])
     config = replace(LocalizerConfig(), prior=replace(LocalizerConfig().prior, free_sigma=_FREE))
-    localizer = Localizer(recording.camera, recording.mounting, recording.models, config=config)
+    localizer = Localizer(recording.models, config=config)
     shots = np.unique([sight.shot for sight in survey.observed.pallets])
     rows: list[tuple[float, ...]] = []
     for number in shots[np.unique(np.linspace(0, len(shots) - 1, _MOST_SHOTS).round().astype(int))]:
@@ -110,7 +117,7 @@ def see_heights(survey: ShelfSurvey) -> HeightSights | None:
             for i, (x, y, yaw) in zip(mine, there, strict=True)
         ]
         shot = recording.shots[survey.shots[int(number)]]
-        found = localizer.localize_from(recording.image(shot), shot.time, starts, (), shot.file)
+        found = localizer.localize_from(recording.shot(shot), starts)
         for i, place, measurement in zip(mine, there, found, strict=True):
             if measurement is not None and measurement.model == survey.models[i].name:
                 rows.append(
@@ -180,7 +187,7 @@ def height_estimate(sights: HeightSights, camera_height: float) -> HeightEstimat
     design[rows, 3 + pallets + index] = -deep / square
     away = sights.elevation - np.arctan2(deep, sights.distance)
     priors = np.concatenate([[0.0, 0.0, _HEIGHT**-2], sights.height_sigmas**-2, np.full(pallets, _RANGE**-2)])
-    solution, told = robust_fit(design, away, sights.sigma, np.diag(priors + _FAINT))
+    solution, told = fit_with_prior(design, away, sights.sigma, np.diag(priors + _FAINT))
     covariance = np.asarray(np.linalg.inv(told))
     information = np.linalg.inv(covariance[:2, :2])
     tilt = Tilt(solution[:2], np.asarray(information), len(index))

@@ -7,12 +7,14 @@ from calibration.formats.fields import Fields
 from palletloc.cameras import CameraModel, DoubleSphere, Eucm, Pinhole
 
 _LENS = ("fx", "fy", "cx", "cy")
+"""Keys that all models have."""
 _TERMS = {
     "kannala_brandt": ("k1", "k2", "k3", "k4"),
     "pinhole": ("k1", "k2", "p1", "p2", "k3"),
     "double_sphere": ("xi", "alpha"),
     "eucm": ("alpha", "beta"),
 }
+"""The other keys of each model."""
 
 
 def read_adapter(fields: Fields) -> list[FiledCamera]:

@@ -22,8 +22,11 @@ _KINDS = {
     "ucm": ("alpha",),
     "pinhole-radtan8": ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
 }
+"""Names of the format's models, with the keys of their shapes."""
 _LENS = ("fx", "fy", "cx", "cy")
+"""Keys that all models have."""
 _PLACE, _TURN = ("px", "py", "pz"), ("qx", "qy", "qz", "qw")
+"""Keys of a pose: position, and quaternion with the scalar last."""
 
 
 def read_basalt(fields: Fields) -> list[FiledCamera]:

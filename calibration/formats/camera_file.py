@@ -22,7 +22,9 @@ from palletloc.io.schema import CameraSpec
 from palletloc.io.yaml_document import Document, DocumentError, checked_document, format_document
 
 _RIGID = 1e-3
+"""How far a matrix may be from a rigid transform: files have four digits or more."""
 _OPTICAL = RigidTransform.from_rotation(Rotation.from_matrix(OPTICAL_FROM_CAMERA))
+"""Turns the camera frame into the optical one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -21,7 +21,9 @@ from palletloc.io.atomic import write_text
 from palletloc.io.reading import read_text
 
 _DUAL = "dual_fisheye"
+"""Name of the model of two fisheyes side by side."""
 _YAML = (".yaml", ".yml")
+"""Endings of yaml files."""
 
 
 @dataclass(frozen=True, slots=True)

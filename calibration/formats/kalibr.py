@@ -15,13 +15,16 @@ from palletloc.cameras import CameraModel, DoubleSphere, Eucm, KannalaBrandt, Me
 MODELS = ("kannala_brandt", "mei", "double_sphere", "eucm", "pinhole")
 """What the format can hold."""
 _CAMERAS = ("pinhole", "omni", "eucm", "ds")
+"""Names of the format's models."""
 _DISTORTIONS = {
     "pinhole": ("radtan", "equidistant", "none"),
     "omni": ("radtan", "none"),
     "eucm": ("none",),
     "ds": ("none",),
 }
+"""Names of each model's distortions."""
 _INTRINSICS = {"pinhole": 4, "omni": 5, "eucm": 6, "ds": 6}
+"""How many numbers each model has."""
 
 
 def read_kalibr(fields: Fields) -> list[FiledCamera]:

@@ -17,8 +17,11 @@ from palletloc.io.images import MAX_SIDE_PX
 MODELS = ("kannala_brandt", "mei", "pinhole")
 """What the format can hold."""
 _MATRIX = ("camera_matrix", "cameraMatrix", "Camera_Matrix", "K", "M1")
+"""Names that OpenCV's programs give the camera matrix."""
 _TERMS = ("distortion_coefficients", "distCoeffs", "dist_coeffs", "Distortion_Coefficients", "D", "D1")
+"""Names that OpenCV's programs give the distortion."""
 _WIDTH, _HEIGHT, _SIZE = ("image_width", "image_Width"), ("image_height", "image_Height"), ("imageSize", "image_size")
+"""Names that OpenCV's programs give the image's size."""
 
 
 def read_opencv(path: Path) -> list[FiledCamera]:

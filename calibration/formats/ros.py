@@ -11,6 +11,7 @@ from palletloc.cameras import CameraModel, KannalaBrandt, Pinhole
 MODELS = ("kannala_brandt", "pinhole")
 """What the format can hold."""
 _DISTORTIONS = ("plumb_bob", "equidistant", "fisheye", "rational_polynomial")
+"""Names of the distortions."""
 
 
 def read_camera_info(fields: Fields) -> list[FiledCamera]:

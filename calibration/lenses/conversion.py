@@ -12,8 +12,11 @@ from palletloc.errors import PalletLocError
 from palletloc.geometry import FloatArray
 
 _GRID = 60
+"""Rays per side that cameras are compared at; also the fewest that must be seen: 3600 settle 9 parameters."""
 _PERSPECTIVE = float(np.radians(80.0))
+"""How far off axis a pinhole is asked to image, in radians: beyond, its image grows without bound."""
 _STEP = 1e-4
+"""Of the differences that tell the focal length on the axis, as a part of the distance."""
 
 
 class ConversionError(PalletLocError):

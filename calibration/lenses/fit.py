@@ -17,11 +17,17 @@ from palletloc.errors import PalletLocError
 from palletloc.geometry import BoolArray, FloatArray
 
 _FEWEST_SHOTS, _EVERY = 8, 4
+"""Views are held out of eight shots or more, every fourth one: fewer leave too few boards to the fit."""
 _AZIMUTHS = 16
+"""Directions around the axis in which bearings are looked at: every 22.5 degrees."""
 _OUTLIER = 4.0
+"""Corners beyond this many robust standard deviations are left out: one good corner in 3000."""
 _MEDIAN_OF_RAYLEIGH = 1.1774
+"""Median length of two unit normal numbers: sqrt(2 ln 2)."""
 _FEWEST_CORNERS = 6
+"""A view with fewer corners counts for nothing: its own pose takes three of them."""
 _ROUNDS = 3
+"""Robust fits, each with the scatter of the one before; the third hardly changes it."""
 
 
 class NoStartError(PalletLocError):

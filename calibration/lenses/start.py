@@ -18,10 +18,15 @@ from calibration.lenses.problem import BoardView, LensProblem, Rig, adjust
 from palletloc.geometry import BoolArray, FloatArray
 
 _FISHEYE = MODELS["kannala_brandt"]
+"""The model of the first fit: it is near to any lens, and all its shapes are reached from zero."""
 _PERSPECTIVE_LIMIT = np.radians(75.0)
+"""Corners farther off axis, in radians, start no pinhole: errors of their pixels grow without bound."""
 _MOST_VIEWS, _FEWEST = 12, 3
+"""Views that choose the focal length, which is only a start: more take time. And the fewest for a fit."""
 _FACTORS = np.geomspace(0.12, 3.0, 24)
+"""Focal lengths that are tried, in widths of the image: a half sphere on 0.4 of them, to 20 degrees."""
 _IDENTITY = RigidTransform.identity(1)
+"""Place of the only lens, and of the only board."""
 
 
 def equidistant_bearings(pixels: FloatArray, focal: float, center: FloatArray) -> FloatArray:

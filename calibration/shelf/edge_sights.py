@@ -14,12 +14,19 @@ from calibration.shelf.upright_edges import BAND, BANDS, FARTHEST, NEAREST, Edge
 from palletloc.geometry import FloatArray, wrap_angle
 
 _SEARCH_PX = 5
+"""How far from where it is expected an edge is looked for, in columns: what odometry adds between shots."""
 _LEAST_BANDS = 3
+"""Height bands that must show an edge: fewer may be a label."""
 _LEAST_SIGHTS = 3
+"""Shots that must agree on a place: two always cross."""
 _SAME = 0.015
+"""Edges nearer to each other are one, in metres: far less than a post is wide."""
 _PIXEL_ERROR = 0.25
+"""Standard deviation of the column of an edge that all bands agree on, at least."""
 _POSE_ERROR = 0.0007
+"""What the forklift may turn between odometry and shot, one standard deviation, in radians: 0.04 degrees."""
 _OUTLIER = 4.0
+"""A bearing that misses the place by more standard deviations is left out."""
 
 
 def measure_edges(views: Sequence[LevelView], poses: FloatArray, edges: Edges, into: float) -> list[EdgeSight]:

@@ -16,9 +16,13 @@ from palletloc.mounting import Mounting
 REACH = float(np.radians(72.0))
 """How far from straight into the shelf is looked, in radians."""
 _LOW, _HIGH = -1.3, 0.9
+"""Tangents of elevation that the view spans: the floor from 1.5 m on, uprights above the camera."""
 _ROW_STEP = 1.5
+"""Steps of the tangent over those of the azimuth: along an upright less is needed than across."""
 _SMOOTH_PX = 1.5
+"""Blur along the rows before the slope is taken, in columns: below it is noise."""
 _BESIDE = 0.6
+"""What a ridge counts in the columns beside it: edges of several shots meet within one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,12 +14,14 @@ from palletloc.errors import PalletLocError
 from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 from palletloc.io.recording import Recording
 from palletloc.localizer import Localizer
-from palletloc.offline import shelf_at
 from palletloc.shelf import ShelfPlane
 
 _MIN_SCORE = 0.8
+"""Pallets with a lower score do not count here: a wrong one costs more than a missing one."""
 _NEAR = 0.15
+"""Pallets whose depths differ by less, in metres, stand on one plane."""
 _FIRST_SHOTS = 4
+"""Shots of the wide first look, which is slow."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +37,9 @@ class Reach:
 _TRIED = tuple((depth, float(np.radians(yaw))) for depth in (-0.3, 0.05, 0.4) for yaw in (-7.0, 0.0, 7.0))
 """Planes that are tried around the user's, by depth and yaw: together they cover half a metre and ten degrees."""
 _FIRST = Reach(0.25, float(np.radians(4.5)))
+"""How far planes may be off in the first look: half the distance of those that are tried."""
 _AGAIN, _LAST = Reach(0.15, float(np.radians(4.0))), Reach(0.08, float(np.radians(1.5)))
+"""The same in the second look, and once poses are known."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,7 +140,7 @@ def _look(
     shelves = []
     for number, index in numbered:
         with suppress(PalletLocError):
-            shelves.append((number, index, shelf_at(moved, recording.shots[index].time, LocalizerConfig().prior)))
+            shelves.append((number, index, moved.shelf_at(recording.shots[index].time)))
     return _localized(recording, shelves, reach)
 
 
@@ -146,13 +150,12 @@ def _localized(
     config = LocalizerConfig()
     detection = replace(config.detection, plane_depth=reach.depth, plane_yaw_deg=float(np.degrees(reach.yaw)))
     config = replace(config, detection=detection)
-    localizer = Localizer(recording.camera, recording.mounting, recording.models, config=config)
+    localizer = Localizer(recording.models, config=config)
     keep = np.ix_([0, 1, 3], [0, 1, 3])
     seen: list[PalletSight] = []
     for number, index, shelf in numbered:
-        shot = recording.shots[index]
         try:
-            found = localizer.localize(recording.image(shot), shot.time, shelf, shot.file)
+            found = localizer.localize(recording.shot(recording.shots[index]), shelf)
         except PalletLocError:  # a shot that cannot be used: too near, or damaged; others may do
             continue
         seen += [

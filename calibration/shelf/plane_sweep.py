@@ -23,15 +23,27 @@ REACH = 0.15
 SIGMA = 0.05
 """How far the surface with most texture may be from the wanted plane where nothing tells, in metres."""
 _LEAST_APART = 0.02
+"""How far surfaces stand apart at least where other methods tell, in metres."""
 _STEP = 0.01
+"""Between the distances that are tried, in metres: a parabola finds the peak between them."""
 _RESOLUTION, _WINDOW = 0.005, 15
+"""Of the views, in metres, and the side of a window in pixels: 7.5 cm, less than an upright is wide."""
 _ASIDE, _HEIGHTS = 1.0, (0.1, 2.3)
+"""Half the width of the views and their heights, in metres: what shots from both sides see well."""
 _WANTED, _LEAST, _MOST = 0.3, 0.12, 0.6
+"""Baseline of shots that are compared, in parts of the distance: best, least and most. Short ones do not tell
+the distance, on long ones things look different."""
 _MOST_GROUPS = 8
+"""Groups of shots that are compared: more take time and show the same."""
 _ALIKE = 0.9
+"""Windows correlate more where they show the same surface."""
 _TEXTURE, _ACROSS = 0.03, 0.5
+"""Least contrast of a window, in parts of the light, and least part of its variance along the shelf."""
 _LEAST_WINDOWS = 200
+"""Fewer windows tell nothing: their share would scatter by more than a peak is high."""
 _LEAST_SCORE, _ABOVE_FLOOR, _SECOND = 0.03, 2.0, 0.7
+"""A clear peak is higher than the first, than so many times the lower quartile, and has no second above that part
+of it."""
 
 FloatImage = NDArray[np.float32]
 

@@ -14,10 +14,15 @@ from calibration.shelf.pallets import PalletSight
 from palletloc.geometry import FloatArray, wrap_angle
 
 _JOIN = 0.35
+"""Sights nearer to each other, in metres, are of one pallet: less than half of the width of one."""
 _INFLATION = 2.0
+"""Factor on the variances of the localizer's poses: neighbouring shots err alike."""
 _FLOOR = np.array([0.002, 0.002, 0.0015])
+"""Standard deviations of a pose at least, in metres and radians: what camera model and mounting add."""
 _DRIFT = 3
+"""Unknowns of the odometry: scale, bias, and the mounting's yaw."""
 _ROBUST = 2.0
+"""Residuals well beyond this many standard deviations count by their size (soft l1)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,8 +16,11 @@ from palletloc.shelf import ShelfPlane
 from palletloc.trajectory import TrajectoryError
 
 _MOST_SHOTS = 24
+"""Shots that are used: more take time and tell little more."""
 _LEAST_BASELINE = 0.2
+"""Way along the shelf that triangulates, in parts of its distance."""
 _LEAST_ACROSS = float(np.radians(15.0))
+"""Angle between the way and the direction into the shelf below which things show no parallax, in radians."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -31,14 +31,23 @@ from palletloc.shelf import ShelfPlane
 LINES = "lines"
 """Name of the method that takes only the heading, from level edges."""
 _LINE_SHOTS = 8
+"""Shots whose level edges are looked for: more take time and show the same edges."""
 _ASIDE = np.radians([-50.0, 0.0, 50.0])
+"""Where patches look, against straight into the shelf, in radians: 60 degrees each, they overlap a little."""
 _BEAM_REACH = 0.1
+"""How far before and behind the front beams are looked for, in metres; it must be known as well."""
 _BESIDE_PALLET = 0.06
+"""How far beside a pallet its load may reach, in metres: a beam is not looked for there."""
 _APART = 0.05
+"""How far planes of uprights, pallets and beams stand apart where only one is wanted, in metres."""
 _NEAR_DEPTH, _FAR_DEPTH = 0.2, 0.6
+"""How far uprights are looked for before and behind the plane, in metres: after pallets, and without them."""
 _KNOWN_TURN, _ROUGH_TURN = float(np.radians(1.2)), float(np.radians(6.0))
+"""How well the heading is known, in radians: after pallets, and without them."""
 _BIASES = np.arange(-0.009, 0.0091, 0.001)
+"""Biases of the gyroscope that are tried, in radians per second: a standard deviation of the odometry's."""
 _ROUNDS = 3
+"""How often uprights are found again by the poses that they give, where there are no pallets."""
 
 
 class Front(StrEnum):

@@ -24,12 +24,19 @@ BAND = 0.25
 NEAREST, FARTHEST = 0.5, 4.6
 """Between which distances edges are looked for, in metres."""
 _CELL = 0.007
+"""Side of a cell, in metres: two pixels of 3840 around, at 2 m."""
 _ALONG = 3.2
+"""How far beyond the ends of the way cells reach, in metres: what is seen at 60 degrees."""
 _LEAST_SHOTS = 3
+"""Shots that must see a cell."""
 _LEAST_SPREAD = float(np.radians(10.0))
+"""Angle between its bearings at least, in radians: below, its depth is open."""
 _LEAST_VOTE = 0.3
+"""Part of the height bands that an edge must be clear in: lower ones are pallets and loads."""
 _MOST = 40
+"""Edges that are kept from each side: more than there are uprights in view."""
 _BOOST = 1.25
+"""Factor on the vote of a band: an edge that is not quite upright is clear in part of its rows."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

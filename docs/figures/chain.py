@@ -7,23 +7,25 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
-from palletloc.config import Method
+from palletloc.candidate import Fit, last_step, steps_of
+from palletloc.choices import Method
 from palletloc.drawing.canvas import show_view
 from palletloc.drawing.face_figure import edge_stretches
 from palletloc.drawing.outline import place_outline, seen_on_plane
-from palletloc.face_view import view_face
 from palletloc.io.recording import read_recording
 from palletloc.localizer import Localizer
-from palletloc.measurement import Reason, YawSource
+from palletloc.measurement import YawSource
+from palletloc.paper.boundary import BoundaryLine
+from palletloc.paper.horizontal_view import HorizontalView
+from palletloc.paper.position import Sweep
 
 recording = read_recording(Path(str(files("palletloc") / "sample")))
-shot = recording.shots[3]
-localizer = Localizer(recording.camera, recording.mounting, recording.models, Method.HORIZONTAL_PLANE)
-shelf = recording.shelf.seen_from(recording.odometry.pose_at(shot.time))
-image = recording.image(shot)
-explained = localizer.explain(image, shot.time, shelf)
-found = [one for one in explained.candidates if one.refusal is None]
-pallet = next(one for one in found if one.yaw_from is YawSource.BOTTOM)
+shot = recording.shot(recording.shots[3])
+localizer = Localizer(recording.models, Method.HORIZONTAL_PLANE)
+explained = localizer.explain(shot, recording.shelf_at(shot.time))
+found = [outcome for outcome in explained.outcomes if isinstance(outcome, Fit)]
+pallet = next(fit for fit in found if fit.yaw_from is YawSource.BOTTOM)
+model, start = pallet.candidate.model, pallet.candidate.start
 band = next(view for view in explained.shelf_views if abs(view.view.grid.top) < 1.0)
 
 
@@ -38,34 +40,33 @@ figure, (front, above, score, face) = plt.subplots(
 
 show_view(front, band.view)
 plane_from_camera = np.asarray(band.view.camera_from_plane.inv().translation)
-for line in place_outline(pallet.model, pallet.start):
+for line in place_outline(model, start):
     points = seen_on_plane(band.forklift_from_plane.inv().apply(line), plane_from_camera)
     front.plot(*points.T, color="gold", linewidth=1.2)
-middle = band.forklift_from_plane.inv().apply([pallet.start.x, pallet.start.y, pallet.start.z])[0]
+middle = band.forklift_from_plane.inv().apply([start.x, start.y, start.z])[0]
 front.set(xlim=(middle - 1.4, middle + 1.4), ylim=(-0.25, 0.6))
 label(front, "A  the shelf's nominal plane: a candidate where the template fits")
 
-first = pallet.horizontal[0]
+first = steps_of(pallet, HorizontalView)[0]
 show_view(above, first.view)
-for boundary in pallet.lines[:1]:
+for boundary in steps_of(pallet, BoundaryLine)[:1]:
     ends = np.array(above.get_xlim())
     above.plot(ends, boundary.up + np.tan(boundary.turn) * ends, color="gold", linewidth=1.2)
 above.axhline(0.0, color="w", linestyle=":", linewidth=1)
 label(above, "B  the horizontal plane through the lower edge: the slope of the line is the error of the yaw")
 
-if pallet.sweep is not None:
-    score.plot(100 * pallet.sweep.depth, pallet.sweep.score, color="tab:blue")
+sweep = last_step(pallet, Sweep)
+if sweep is not None:
+    score.plot(100 * sweep.depth, sweep.score, color="tab:blue")
 score.grid(color="0.9")
 score.set_title("C  the sweep: agreement of the template over the distance", loc="left", fontsize=10)
 score.set(xlabel="shift of the plane away from the camera / cm", ylabel="score")
 
-if pallet.face is not None and pallet.pose is not None:
-    camera_from_forklift = recording.forklift_from_camera.inv()
-    seen = view_face(localizer.projector, image, camera_from_forklift, pallet.pose, pallet.model, 0.002)
-    if not isinstance(seen, Reason):
-        show_view(face, seen)
+if pallet.face is not None:
+    half = model.width / 2 + 0.06
+    show_view(face, shot.vertical_view(pallet.pose, (-half, half, -0.06, model.height + 0.06), 0.002))
     for measured in pallet.face.seen.edges:
-        for ends in edge_stretches(measured, pallet.model):
+        for ends in edge_stretches(measured, model):
             face.plot(*ends.T, color="lime", linewidth=1.2)
 label(face, "fit  the front face at its pose, with the lines that were measured")
 plt.show()

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from scipy.ndimage import gaussian_filter1d
 
+from palletloc.candidate import Fit
 from palletloc.drawing.canvas import show_view
 from palletloc.drawing.outline import face_outline
 from palletloc.face import EdgeKind
@@ -23,13 +24,11 @@ REACH, PIXEL = 0.022, 0.004
 """How far the profiles go to each side of an edge, and about the size of a pixel of the image there, in metres."""
 
 recording = read_recording(Path(str(files("palletloc") / "sample")))
-shot = recording.shots[3]
-image = recording.image(shot)
-localizer = Localizer(recording.camera, recording.mounting, recording.models)
-shelf = recording.shelf.seen_from(recording.odometry.pose_at(shot.time))
-candidates = localizer.explain(image, shot.time, shelf).candidates
-found = next(one for one in candidates if one.refusal is None and one.yaw_from is YawSource.BOTTOM)
-model, pose = found.model, found.pose or found.start
+shot = recording.shot(recording.shots[3])
+image = shot.image
+outcomes = Localizer(recording.models).explain(shot, recording.shelf_at(shot.time)).outcomes
+found = next(fit for fit in outcomes if isinstance(fit, Fit) and fit.yaw_from is YawSource.BOTTOM)
+model, pose = found.candidate.model, found.pose
 camera_from_pallet = recording.forklift_from_camera.inv() * pose.transform()
 
 ray = np.array([pose.x, pose.y]) - recording.mounting.center[:2]
@@ -37,7 +36,7 @@ x, y = np.array([pose.x, pose.y]) + 0.25 * ray / np.hypot(*ray)
 start = LevelPose(float(x), float(y), pose.z, pose.yaw - float(np.radians(9.0)))
 wide = SearchConfig(turn_deg=15.0, nearer=0.5, farther=0.5)
 height = HeightPrior(pose.z, 0.003)
-looked = search(localizer.projector, image, recording.mounting, start, model, height, wide)
+looked = search(shot, start, model, height, wide)
 figure, axes_of = plt.subplot_mosaic(
     [["above", "plane"], ["table", "table"], ["profiles", "profiles"]], figsize=(8.5, 7.5), layout="constrained"
 )

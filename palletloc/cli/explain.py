@@ -14,13 +14,15 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from palletloc.config import LocalizerConfig, Method
+from palletloc.candidate import Refusal
+from palletloc.choices import Method
+from palletloc.config import LocalizerConfig
 from palletloc.errors import PalletLocError
 from palletloc.explained import name_candidates
 from palletloc.io.config_file import read_config
 from palletloc.io.starts import ShotStarts
 from palletloc.localizer import Explanation
-from palletloc.offline import Job, read_job
+from palletloc.recording_run import Job, read_job
 
 _PM, _DEGREE = "\N{PLUS-MINUS SIGN}", "\N{DEGREE SIGN}"
 
@@ -47,12 +49,12 @@ def explain(
     """
     parameters = LocalizerConfig() if config is None else read_config(config)
     job = _single(read_job(recording, method, parameters, initial), shot)
-    image, explanation = job.explain(0)
+    explanation = job.explain(0)
     console = Console()
     with console.status("Drawing"):
         from palletloc.report.explanation_folder import write_explanation  # drawing is slow to import
 
-        write_explanation(job, image, explanation, out, with_refused=refused or initial is not None)
+        write_explanation(job, explanation, out, with_refused=refused or initial is not None)
     console.print(_table(explanation))
     _print_refusals(console, explanation)
     console.print(Text(f"pictures and explain.json: {out}"), soft_wrap=True)
@@ -68,7 +70,7 @@ def _single(job: Job, number: int) -> Job:
     shot = shots[number]
     if job.given is None:
         return replace(job, recording=replace(job.recording, shots=(shot,)))
-    starts = tuple(start for one in job.given if one.shot == shot for start in one.starts)
+    starts = tuple(start for given in job.given if given.shot == shot for start in given.starts)
     if not starts:
         raise PalletLocError(f"--shot {number}: no start has the time of this shot, {shot.time:.6g} s")
     return replace(job, given=(ShotStarts(shot, starts),))
@@ -81,25 +83,25 @@ def _table(explanation: Explanation) -> Table:
     for heading in ("x m", "y m", "z m", f"{_PM} mm", f"yaw {_DEGREE}", f"{_PM} {_DEGREE}"):
         table.add_column(heading, justify="right", no_wrap=True)
     table.add_column("yaw from")
-    for name, one in name_candidates(explanation):
-        if one.refusal is not None or one.pose is None or one.covariance is None:
+    for name, fit in name_candidates(explanation):
+        if isinstance(fit, Refusal):
             continue
-        sigma = np.sqrt(np.diag(one.covariance))
+        sigma = np.sqrt(np.diag(fit.covariance))
         table.add_row(
             name,
-            Text(one.model.name),
-            *(f"{round(value, 3) + 0.0:.3f}" for value in (one.pose.x, one.pose.y, one.pose.z)),
+            Text(fit.candidate.model.name),
+            *(f"{round(value, 3) + 0.0:.3f}" for value in (fit.pose.x, fit.pose.y, fit.pose.z)),
             ", ".join(f"{1000 * value:.0f}" for value in sigma[:3]),
-            f"{np.degrees(one.pose.yaw):.2f}",
+            f"{np.degrees(fit.pose.yaw):.2f}",
             f"{np.degrees(sigma[3]):.2f}",
-            str(one.yaw_from),
+            str(fit.yaw_from),
         )
     return table
 
 
 def _print_refusals(console: Console, explanation: Explanation) -> None:
     """Say how many candidates were given up in which step, and why."""
-    counts = Counter(f"{one.stage}: {one.reason}" for one in explanation.refusals)
+    counts = Counter(f"{refusal.stage}: {refusal.reason}" for refusal in explanation.refusals)
     total = sum(counts.values())
     listed = ", ".join(f"{count} {reason}" for reason, count in counts.most_common())
     console.print(Text(f"given up: {total} ({listed})" if total else "given up: none"), soft_wrap=True)

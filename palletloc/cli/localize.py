@@ -15,11 +15,12 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 from rich.text import Text
 
-from palletloc.config import LocalizerConfig, Method
+from palletloc.choices import Method
+from palletloc.config import LocalizerConfig
 from palletloc.io.config_file import read_config
 from palletloc.io.measurements import NoPose
 from palletloc.io.run_folder import Run, RunFolder
-from palletloc.offline import Job, Outcome, read_job, work_through
+from palletloc.recording_run import Job, ShotOutcome, read_job, work_through
 
 
 def localize(
@@ -77,7 +78,7 @@ def fill(
     Raises
     ------
     PalletLocError
-        As `palletloc.offline.work_through`.
+        As `palletloc.recording_run.work_through`.
     """
     try:
         with output:
@@ -105,7 +106,7 @@ class Tally:
     durations: list[float] = field(default_factory=list)
     """Time of each shot, in seconds."""
 
-    def add(self, outcome: Outcome) -> None:
+    def add(self, outcome: ShotOutcome) -> None:
         """Count a shot, unless it was skipped."""
         if outcome.explanation is None:
             return
@@ -160,7 +161,7 @@ def _follow(job: Job, output: RunFolder, tally: Tally, console: Console, *, stri
             progress.advance(bar)
 
 
-def _summary(outcome: Outcome) -> str:
+def _summary(outcome: ShotOutcome) -> str:
     found = sum(not isinstance(row, NoPose) for row in outcome.rows)
     refused = len(outcome.explanation.refusals) if outcome.explanation else 0
     pallets = "1 pallet" if found == 1 else f"{found} pallets"

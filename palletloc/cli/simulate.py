@@ -13,15 +13,13 @@ from rich.progress import track
 from rich.table import Table
 from rich.text import Text
 
+from palletloc.choices import CameraKind, Illumination, Side
 from palletloc.geometry import Image
-from palletloc.io.recording import Recording, Shot, write_recording
+from palletloc.io.recording import Recording, ShotFile, write_recording
 from palletloc.io.truth import TruePallet, Truth
 from palletloc.pallet_library import find_models
 from palletloc.synthetic.aisle import AisleSpec
-from palletloc.synthetic.illumination import Illumination
-from palletloc.synthetic.placing import Side
-from palletloc.synthetic.rig import CameraKind
-from palletloc.synthetic.sensor import Sensor
+from palletloc.synthetic.rig import Sensor
 from palletloc.synthetic.simulation import Simulation, SimulationSpec
 from palletloc.synthetic.simulation import simulate as draw_simulation
 
@@ -92,7 +90,7 @@ def save_simulation(folder: Path, simulation: Simulation, images: Iterable[Image
         forklift_from_camera=simulation.recorded_mounting,
         shelf=simulation.shelf,
         models=spec.aisle.models,
-        shots=tuple(Shot(float(time), f"images/{index:06d}.jpg") for index, time in enumerate(simulation.times)),
+        shots=tuple(ShotFile(float(time), f"images/{index:06d}.jpg") for index, time in enumerate(simulation.times)),
         odometry=simulation.odometry,
         translation_sigma=(translation,) * 3 if translation else None,
         rotation_sigma=(rotation,) * 3 if rotation else None,

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from palletloc.candidate import Candidate, ShotView
+from palletloc.candidate import Fit, Refusal
 from palletloc.drawing.canvas import (
     FAINT,
     GRID,
@@ -30,13 +30,14 @@ from palletloc.drawing.canvas import (
 )
 from palletloc.drawing.outline import face_outline, stretches_of
 from palletloc.explained import EdgeAccount, EdgeFate, account_edges, given_up
-from palletloc.face_view import view_face
 from palletloc.geometry import FloatArray, LevelPose
-from palletloc.measurement import Reason
 from palletloc.pallet import PalletModel
 from palletloc.plane import PlaneView
 from palletloc.refinement.edges import MeasuredEdge
+from palletloc.shot import MIN_DISTANCE, Shot
 
+_AROUND = 0.06
+"""What a view shows beyond the face, in metres."""
 _RESOLUTION = 0.002
 """Of the views, in metres per pixel: a face of 1.1 m is half as wide as the page."""
 _HALO = halo(3.6)
@@ -162,16 +163,16 @@ def _draw_offsets(axes: Axes, edges: Sequence[EdgeAccount]) -> None:
     axes.set_xlabel("mm")
 
 
-def face_figure(name: str, candidate: Candidate, shot: ShotView) -> Figure:
+def face_figure(name: str, outcome: Fit | Refusal, shot: Shot) -> Figure:
     """Draw a candidate's front face at its start and at the measured pose, and list its edges.
 
     Parameters
     ----------
     name : str
         Of the candidate.
-    candidate : Candidate
-        The candidate.
-    shot : ShotView
+    outcome : Fit or Refusal
+        What became of it.
+    shot : Shot
         Where it was measured.
 
     Returns
@@ -180,27 +181,29 @@ def face_figure(name: str, candidate: Candidate, shot: ShotView) -> Figure:
         The outline of the model on views of the vertical plane; at the measured pose, where there is one, with
         every edge of the face by what became of it, numbered as in the table below.
     """
+    candidate, fit = outcome.candidate, outcome.fit
     panels = [("at the start", candidate.start, STARTED)]
-    if candidate.pose is not None:
-        measured = ("at the measured pose", candidate.pose, MEASURED)
-        refused = ("at the pose that was given up", candidate.pose, REFUSED)
-        panels.append(measured if candidate.refusal is None else refused)
+    if fit is not None:
+        measured = ("at the measured pose", fit.pose, MEASURED)
+        refused = ("at the pose that was given up", fit.pose, REFUSED)
+        panels.append(measured if isinstance(outcome, Fit) else refused)
     views = [_view(shot, pose, candidate.model) for _, pose, _ in panels]
     width = WIDTH_PX - _LEFT - _RIGHT
     heights = [80.0 if view is None else width * view.grid.rows / view.grid.columns for view in views]
-    edges = account_edges(candidate.face, candidate.model) if candidate.face and candidate.pose else ()
+    face = None if fit is None else fit.face
+    edges = () if face is None else account_edges(face, candidate.model)
     keys = LEGEND_ROW_PX if edges else 0
     table = _table_height(edges) if edges else 0.0
     figure = new_figure(_HEAD + sum(heights) + len(panels) * (_TITLE + _AXIS) + _FOOT + keys + table)
-    title = f"{name}: front face of {candidate.model.name}, seen from the aisle{given_up(candidate)}"
+    title = f"{name}: front face of {candidate.model.name}, seen from the aisle{given_up(outcome)}"
     add_text(figure, _LEFT, 14, title, size=13, bold=True)
     top = float(_HEAD)
     for i, ((where, _, color), view, height) in enumerate(zip(panels, views, heights, strict=True)):
         axes = add_axes(figure, _LEFT, top + _TITLE, width, height)
         shown = edges if i > 0 else ()
         _draw_panel(axes, view, candidate.model, shown, where, color)
-        if shown and candidate.face is not None and view is not None:
-            _shade_hidden(axes, candidate.face.seen.hidden)
+        if shown and face is not None and view is not None:
+            _shade_hidden(axes, face.seen.hidden)
         add_text(figure, _LEFT, top + 6, where.capitalize() + _told(shown), size=10.5)
         top += _TITLE + height + _AXIS
     axes.set_xlabel("to the right of the face's middle (m)")
@@ -210,9 +213,13 @@ def face_figure(name: str, candidate: Candidate, shot: ShotView) -> Figure:
     return figure
 
 
-def _view(shot: ShotView, pose: LevelPose, model: PalletModel) -> PlaneView | None:
-    seen = view_face(shot.projector, shot.image, shot.camera_from_forklift, pose, model, _RESOLUTION)
-    return None if isinstance(seen, Reason) else seen
+def _view(shot: Shot, pose: LevelPose, model: PalletModel) -> PlaneView | None:
+    """Return the plane of a face; None where the face is not wholly seen."""
+    if shot.camera_in(pose)[2] < MIN_DISTANCE:
+        return None
+    half = model.width / 2 + _AROUND
+    view = shot.vertical_view(pose, (-half, half, -_AROUND, model.height + _AROUND), _RESOLUTION)
+    return view if view.valid.all() else None
 
 
 def _told(edges: Sequence[EdgeAccount]) -> str:

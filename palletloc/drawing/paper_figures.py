@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from palletloc.boundary import BoundaryLine
-from palletloc.candidate import Candidate
+from palletloc.baselines import nearest_line
+from palletloc.candidate import Fit, Refusal, last_step, steps_of
 from palletloc.drawing.canvas import (
     DEGREE,
     GRID,
@@ -30,11 +30,13 @@ from palletloc.drawing.canvas import (
 from palletloc.drawing.outline import seen_on_plane, stretches_of
 from palletloc.face import EdgeKind, edge_shift
 from palletloc.geometry import FloatArray, LevelPose
-from palletloc.horizontal_view import HorizontalView
 from palletloc.measurement import YawSource
 from palletloc.pallet import PalletModel
-from palletloc.pipeline import nearest_line
-from palletloc.yaw import YawVote
+from palletloc.paper.boundary import BoundaryLine
+from palletloc.paper.horizontal_view import HorizontalView
+from palletloc.paper.joint_search import JointSearch
+from palletloc.paper.position import Sweep
+from palletloc.paper.yaw import YawEstimate, YawVote
 
 _EDGE_NAMES = {
     EdgeKind.BOTTOM: "lower edge",
@@ -66,14 +68,14 @@ _MM = 1000.0
 """Millimetres per metre."""
 
 
-def horizontal_figure(name: str, candidate: Candidate) -> Figure:
+def horizontal_figure(name: str, outcome: Fit | Refusal) -> Figure:
     """Draw the lines that give the yaw of a candidate.
 
     Parameters
     ----------
     name : str
         Of the candidate.
-    candidate : Candidate
+    outcome : Fit or Refusal
         With at least one horizontal view.
 
     Returns
@@ -87,11 +89,12 @@ def horizontal_figure(name: str, candidate: Candidate) -> Figure:
     ValueError
         Where the candidate has no horizontal view.
     """
-    if not candidate.horizontal:
+    horizontal, estimate = steps_of(outcome, HorizontalView), last_step(outcome, YawEstimate)
+    if not horizontal:
         raise ValueError(f"candidate {name} has no horizontal view to draw")
-    first, last = candidate.horizontal[0], candidate.horizontal[-1]
+    first, last = horizontal[0], horizontal[-1]
     # without votes, the lines belong to the last view
-    only_lines = candidate.yaw is None
+    only_lines = estimate is None
     views = [last] if only_lines else [first, last]
     sizes = [_size(seen) for seen in views]
     figure = new_figure(_HEAD + sum(height + _TITLE + _AXIS + _KEYS for _, height in sizes))
@@ -101,9 +104,11 @@ def horizontal_figure(name: str, candidate: Candidate) -> Figure:
     for i, (seen, (width, height)) in enumerate(zip(views, sizes, strict=True)):
         axes = add_axes(figure, _LEFT, top + _TITLE, width, height)
         show_view(axes, seen.view)
-        is_found = only_lines or i == 0
         placed = "first" if seen is first else "last"
-        text = _draw_found(axes, candidate.lines, placed) if is_found else _draw_votes(axes, seen, candidate)
+        if estimate is None or i == 0:
+            text = _draw_found(axes, steps_of(outcome, BoundaryLine), placed)
+        else:
+            text = _draw_votes(axes, seen, estimate, outcome.candidate.model)
         add_text(figure, _LEFT, top + 6, text, size=10.5)
         axes.set(ylabel="into the shelf (m)", xlabel="to the right of the face's middle (m)")
         add_legend(figure, top + _TITLE + height + _AXIS, axes, columns=4)
@@ -145,14 +150,12 @@ def _draw_found(axes: Axes, lines: Sequence[BoundaryLine], placed: str) -> str:
     )
 
 
-def _draw_votes(axes: Axes, seen: HorizontalView, candidate: Candidate) -> str:
+def _draw_votes(axes: Axes, seen: HorizontalView, estimate: YawEstimate, model: PalletModel) -> str:
     """Draw the measured lines, and return what that means."""
-    if candidate.yaw is None:
-        return ""
-    for vote in candidate.yaw.votes:
+    for vote in estimate.votes:
         color = _EDGE_COLORS.get(vote.edge.kind, MEASURED) if vote.used else REFUSED
         state = "" if vote.used else ", not used"
-        for ends in vote_stretches(seen, vote, candidate.model):
+        for ends in vote_stretches(seen, vote, model):
             axes.plot(
                 *ends.T,
                 color=color,
@@ -162,7 +165,7 @@ def _draw_votes(axes: Axes, seen: HorizontalView, candidate: Candidate) -> str:
                 label=f"{_EDGE_NAMES[vote.edge.kind]} {_degrees(vote.turn, vote.sigma, sign='+')}{state}",
             )
     return (
-        f"After the correction: yaw {_degrees(candidate.yaw.yaw, candidate.yaw.sigma)};"
+        f"After the correction: yaw {_degrees(estimate.yaw, estimate.sigma)};"
         " below: what each line along the level edges still turns"
     )
 
@@ -194,14 +197,14 @@ def _degrees(angle: float, sigma: float, sign: str = "") -> str:
     return f"{turn:{sign}.2f}{DEGREE} {PLUS_MINUS} {spread:.2f}{DEGREE}"
 
 
-def sweep_figure(name: str, candidate: Candidate) -> Figure:
+def sweep_figure(name: str, outcome: Fit | Refusal) -> Figure:
     """Draw the score of a candidate's sweep.
 
     Parameters
     ----------
     name : str
         Of the candidate.
-    candidate : Candidate
+    outcome : Fit or Refusal
         With a sweep or a joint search.
 
     Returns
@@ -217,11 +220,12 @@ def sweep_figure(name: str, candidate: Candidate) -> Figure:
     figure = new_figure(_HEAD + _HEIGHT + _FOOT)
     axes = add_axes(figure, _SWEEP_LEFT, _HEAD, WIDTH_PX - _SWEEP_LEFT - _RIGHT, _HEIGHT)
     axes.set_xlabel("distance of the plane against the start (mm); positive is farther away")
-    if candidate.sweep is not None:
-        title = _draw_sweep(axes, candidate)
+    swept, joint = last_step(outcome, Sweep), last_step(outcome, JointSearch)
+    if swept is not None:
+        title = _draw_sweep(axes, outcome, swept)
         axes.grid(color=GRID, linewidth=0.6)
-    elif candidate.joint is not None:
-        title = _draw_joint(figure, axes, candidate)
+    elif joint is not None:
+        title = _draw_joint(figure, axes, joint)
     else:
         raise ValueError(f"candidate {name} was not searched: there is no score to draw")
     add_text(figure, _SWEEP_LEFT, 14, f"{name}: {title}", size=13, bold=True)
@@ -229,10 +233,8 @@ def sweep_figure(name: str, candidate: Candidate) -> Figure:
     return figure
 
 
-def _draw_sweep(axes: Axes, candidate: Candidate) -> str:
-    swept = candidate.sweep
-    if swept is None:
-        return ""
+def _draw_sweep(axes: Axes, outcome: Fit | Refusal, swept: Sweep) -> str:
+    start = outcome.candidate.start
     depth = swept.depth * _MM
     axes.plot(depth, swept.score, color=SERIES[0], linewidth=1.8, label="best score at each distance")
     axes.plot(depth, swept.score, ".", color=SERIES[0], markersize=5)
@@ -240,21 +242,18 @@ def _draw_sweep(axes: Axes, candidate: Candidate) -> str:
     axes.set_xlim(depth[0], depth[-1])
     for i, peak in enumerate(swept.peaks):
         axes.axvline(
-            _depth(candidate.start, peak) * _MM,
+            _depth(start, peak) * _MM,
             color=SERIES[1],
             linewidth=1.6 if i == 0 else 0.9,
             linestyle="--" if i == 0 else ":",
             label="the sweep's best place" if i == 0 else "its next best places",
         )
-    _mark_measured(axes, candidate)
-    best = _depth(candidate.start, swept.peaks[0]) * _MM
+    _mark_measured(axes, outcome)
+    best = _depth(start, swept.peaks[0]) * _MM
     return f"the swept plane fits best at {best:+.0f} mm, score {swept.best:.2f}"
 
 
-def _draw_joint(figure: Figure, axes: Axes, candidate: Candidate) -> str:
-    found = candidate.joint
-    if found is None:
-        return ""
+def _draw_joint(figure: Figure, axes: Axes, found: JointSearch) -> str:
     turns = np.degrees(found.turns)
     colors = axes.pcolormesh(found.depths * _MM, turns, found.score, cmap="cividis", shading="nearest")
     axes.set_ylabel(f"turn of the plane ({DEGREE})")
@@ -270,9 +269,9 @@ def _draw_joint(figure: Figure, axes: Axes, candidate: Candidate) -> str:
     return f"the joint search fits best at {place}, score {found.best:.2f}"
 
 
-def _mark_measured(axes: Axes, candidate: Candidate) -> None:
-    if candidate.pose is not None and candidate.face is not None:
-        measured = _depth(candidate.start, candidate.pose) * _MM
+def _mark_measured(axes: Axes, outcome: Fit | Refusal) -> None:
+    if outcome.fit is not None and outcome.fit.face is not None:
+        measured = _depth(outcome.candidate.start, outcome.fit.pose) * _MM
         label = f"measured by the edges: {measured:+.1f} mm"
         axes.axvline(measured, color=SERIES[2], linewidth=1.8, label=label)
 

@@ -12,7 +12,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
-from palletloc.candidate import Candidate
+from palletloc.candidate import Candidate, Fit, Refusal, last_step
 from palletloc.drawing.canvas import (
     DEGREE,
     INK,
@@ -73,14 +73,14 @@ class _Result:
         return "fitted pose, given up" if self.refused else "final pose"
 
 
-def search_figure(name: str, candidate: Candidate) -> Figure:
+def search_figure(name: str, outcome: Fit | Refusal) -> Figure:
     """Draw the hypotheses that a candidate's pose was found among.
 
     Parameters
     ----------
     name : str
         Of the candidate.
-    candidate : Candidate
+    outcome : Fit or Refusal
         With a search.
 
     Returns
@@ -95,14 +95,15 @@ def search_figure(name: str, candidate: Candidate) -> Figure:
     ValueError
         Where no hypotheses were scored.
     """
-    found = candidate.search
+    candidate, found = outcome.candidate, last_step(outcome, Search)
     if found is None:
         raise ValueError(f"candidate {name} has no hypotheses to draw")
-    result = _Result(candidate.pose, candidate.covariance, candidate.refusal is not None)
-    finer = sorted(found.finer, key=lambda search: -search.found.peaks[0].score)
+    fit = outcome.fit
+    result = _Result(fit.pose, fit.covariance, isinstance(outcome, Refusal)) if fit else _Result(None, None, True)
+    finer = _best_first(found)
     rows = [_MAP_HIGH] + ([_FINER_HIGH, _views_height(finer[0])] if finer else [])
     figure = new_figure(_HEAD + sum(rows) + (_TITLE + _AXIS) * len(rows) + _FOOT)
-    title = f"{name}: where {candidate.model.name} may stand, scored in the image{given_up(candidate)}"
+    title = f"{name}: where {candidate.model.name} may stand, scored in the image{given_up(outcome)}"
     add_text(figure, _LEFT, 14, title, size=13, bold=True)
     add_text(figure, _LEFT, 40, _meaning(found), size=10.5)
     scale = Normalize(*_score_range([found, *finer]))
@@ -114,7 +115,7 @@ def search_figure(name: str, candidate: Candidate) -> Figure:
     bar.tick_params(labelsize=9)
     _draw_views(figure, *_beside_map(found.patch, top), found, candidate, result)
     if finer:
-        _draw_finer(figure, top + _MAP_HIGH + _AXIS + _TITLE, finer, candidate, result, scale)
+        _draw_finer(figure, top + _MAP_HIGH + _AXIS + _TITLE, found, candidate, result, scale)
     add_legend(figure, figure.get_size_inches()[1] * 100 - _FOOT + 2, *figure.axes, columns=6)
     return figure
 
@@ -230,11 +231,17 @@ def _draw_ellipse(axes: Axes, at: tuple[float, float], covariance: FloatArray, c
         axes.add_patch(Ellipse(at, major, minor, angle=angle, fill=False, edgecolor=ink, linewidth=line, zorder=2.5))
 
 
+def _best_first(found: Search) -> list[Search]:
+    """Return the searches around the peaks, that with the best peak first."""
+    return sorted(found.finer, key=lambda search: -search.found.peaks[0].score)
+
+
 def _draw_finer(
-    figure: Figure, top: float, finer: Sequence[Search], candidate: Candidate, result: _Result, scale: Normalize
+    figure: Figure, top: float, found: Search, candidate: Candidate, result: _Result, scale: Normalize
 ) -> None:
+    finer = _best_first(found)
     width = (WIDTH_PX - _LEFT - _RIGHT - (len(finer) - 1) * _GAP) / max(len(finer), 2)
-    order = {id(search): i for i, search in enumerate(candidate.search.finer if candidate.search else (), start=1)}
+    order = {id(search): i for i, search in enumerate(found.finer, start=1)}
     for i, search in enumerate(finer):
         place = (_LEFT + i * (width + _GAP), top, width, _FINER_HIGH)
         _draw_map(figure, place, search, None, result, scale, f"Closer view {order[id(search)]}, around a peak")

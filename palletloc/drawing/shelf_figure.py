@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from palletloc.candidate import Candidate
+from palletloc.candidate import Fit, Refusal
 from palletloc.drawing.canvas import (
     DPI,
     FAINT,
@@ -32,8 +32,8 @@ from palletloc.geometry import FloatArray
 from palletloc.plane import PlaneView
 from palletloc.shelf_view import ShelfView
 
-Outlined = tuple[str, Candidate, list[FloatArray]]
-"""A candidate's name, the candidate, and the lines of its face as a view shows them."""
+Outlined = tuple[str, Fit | Refusal, list[FloatArray]]
+"""A candidate's name, what became of it, and the lines of its face as a view shows them."""
 
 _HALO = halo(2.5)
 """Around names on the views."""
@@ -78,8 +78,8 @@ def shelf_figure(views: Sequence[ShelfView], candidates: Named) -> Figure:
     ----------
     views : sequence of ShelfView
         A band for each known level, or the whole plane.
-    candidates : sequence of (str, Candidate)
-        With their names.
+    candidates : sequence of (str, Fit or Refusal)
+        What became of them, with their names.
 
     Returns
     -------
@@ -90,7 +90,7 @@ def shelf_figure(views: Sequence[ShelfView], candidates: Named) -> Figure:
     width = WIDTH_PX - _LEFT - _RIGHT
     heights = [band.height * width / band.width for band in bands]
     figure = new_figure(_HEAD + sum(heights) + len(bands) * (_CHART + 2 * _GAP) + _FOOT)
-    found = sum(candidate.refusal is None for _, candidate in candidates)
+    found = sum(isinstance(outcome, Fit) for _, outcome in candidates)
     title = f"Nominal front plane of the shelf: {len(candidates)} places tried, {found} pallets found"
     add_text(figure, _LEFT, 14, title, size=13, bold=True)
     top = float(_HEAD)
@@ -108,12 +108,12 @@ def shelf_figure(views: Sequence[ShelfView], candidates: Named) -> Figure:
 def _bands(views: Sequence[ShelfView], candidates: Named) -> list[_Band]:
     """Give each view its candidates, and all views the same stretch of the shelf."""
     drawn: list[list[Outlined]] = [[] for _ in views]
-    for name, candidate in candidates:
-        shown = [_on_view(seen, candidate) for seen in views]
+    for name, outcome in candidates:
+        shown = [_on_view(seen, outcome) for seen in views]
         shares = [_share_inside(seen, lines) for seen, lines in zip(views, shown, strict=True)]
         best = int(np.argmax(shares))
         if shares[best] > 0:
-            drawn[best].append((name, candidate, shown[best]))
+            drawn[best].append((name, outcome, shown[best]))
     rights = [line[:, 0] for outlines in drawn for _, _, lines in outlines for line in lines]
     low, high = _extremes(rights, (0.0, 0.0))
     slack = max(_BESIDE, (_LEAST_WIDTH - (high - low)) / 2)
@@ -147,14 +147,14 @@ def _extremes(values: Sequence[FloatArray], otherwise: tuple[float, float]) -> t
     return float(np.nanmin(every)), float(np.nanmax(every))
 
 
-def _on_view(seen: ShelfView, candidate: Candidate) -> list[FloatArray]:
+def _on_view(seen: ShelfView, outcome: Fit | Refusal) -> list[FloatArray]:
     """Return the lines of a candidate's face as the view shows them."""
     plane_from_forklift = seen.forklift_from_plane.inv()
     plane_from_camera = np.asarray(seen.view.camera_from_plane.inv().translation)
-    pose = candidate.start if candidate.refusal or candidate.pose is None else candidate.pose
+    pose = outcome.pose if isinstance(outcome, Fit) else outcome.candidate.start
     return [
         seen_on_plane(plane_from_forklift.apply(line), plane_from_camera)
-        for line in place_outline(candidate.model, pose)
+        for line in place_outline(outcome.candidate.model, pose)
     ]
 
 
@@ -173,8 +173,8 @@ def _draw_view(axes: Axes, band: _Band) -> None:
     axes.set(xlim=(left, right), ylim=(bottom, top), ylabel="height (m)")
     axes.plot([], [], color=MEASURED, linewidth=2.5, label="pallet, as measured")
     axes.plot([], [], color=REFUSED, linewidth=1.3, linestyle="--", label="given up, as detected")
-    for name, candidate, lines in sorted(band.outlines, key=lambda outlined: outlined[1].refusal is None):
-        found = candidate.refusal is None
+    for name, outcome, lines in sorted(band.outlines, key=lambda outlined: isinstance(outlined[1], Fit)):
+        found = isinstance(outcome, Fit)
         color, width, style = (MEASURED, 2.0, "-") if found else (REFUSED, 0.9, "--")
         for line in lines:
             axes.plot(*line.T, color=color, linewidth=width, linestyle=style, clip_on=True)
@@ -189,15 +189,15 @@ def _draw_scores(axes: Axes, band: _Band) -> None:
     """Draw the score of each place over its middle."""
     axes.grid(color=GRID, linewidth=0.6)
     axes.set_axisbelow(True)
-    scores = [candidate.score for _, candidate, _ in band.outlines] or [0.0, 1.0]
+    scores = [outcome.candidate.score for _, outcome, _ in band.outlines] or [0.0, 1.0]
     low, high = min(scores) - 0.06, max(scores) + 0.16
     axes.set(xlim=band.limits[:2], ylim=(low, high), ylabel="score of detection")
     labels = []
-    for name, candidate, lines in band.outlines:
-        place, found = float(np.nanmean(np.concatenate(lines)[:, 0])), candidate.refusal is None
+    for name, outcome, lines in band.outlines:
+        place, found = float(np.nanmean(np.concatenate(lines)[:, 0])), isinstance(outcome, Fit)
         mark, color = ("o", SERIES[2]) if found else ("x", REFUSED)
-        axes.plot(place, candidate.score, mark, color=color, markersize=6)
-        labels.append(Label(place, candidate.score, name, found))
+        axes.plot(place, outcome.candidate.score, mark, color=color, markersize=6)
+        labels.append(Label(place, outcome.candidate.score, name, found))
     write_labels(axes, labels)
 
 

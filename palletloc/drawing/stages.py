@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from palletloc.candidate import Candidate, ShotView
+from palletloc.candidate import Fit, Refusal, last_step, steps_of
 from palletloc.drawing.canvas import MEASURED, REFUSED, png
 from palletloc.drawing.face_figure import face_figure
 from palletloc.drawing.overlay import Mark, cut_out, draw_overlay, region_of_interest
@@ -19,7 +19,12 @@ from palletloc.drawing.shelf_figure import shelf_figure
 from palletloc.explained import Named, name_candidates
 from palletloc.geometry import Image
 from palletloc.localizer import Explanation
+from palletloc.paper.horizontal_view import HorizontalView
+from palletloc.paper.joint_search import JointSearch
+from palletloc.paper.position import Sweep
+from palletloc.refinement.search import Search
 from palletloc.shelf import ShelfPlane
+from palletloc.shot import Shot
 
 _WHOLE_WIDTH, _REGION_WIDTH = 1920, 1280
 """Most width of the whole shot and of its part with the pallets, in pixels."""
@@ -47,7 +52,7 @@ class Picture:
 
 
 def stage_pictures(
-    explanation: Explanation, shot: ShotView, shelf: ShelfPlane | None, *, with_refused: bool = False
+    explanation: Explanation, shelf: ShelfPlane | None, *, with_refused: bool = False
 ) -> Iterator[Picture]:
     """Draw every stage of a shot.
 
@@ -55,8 +60,6 @@ def stage_pictures(
     ----------
     explanation : Explanation
         What was found.
-    shot : ShotView
-        The shot.
     shelf : ShelfPlane or None
         Nominal front plane in the forklift frame, for the map.
     with_refused : bool
@@ -67,21 +70,15 @@ def stage_pictures(
     Picture
         In the order of the stages; drawn one by one.
     """
-    named = name_candidates(explanation)
+    named, shot = name_candidates(explanation), explanation.shot
     yield from shelf_pictures(explanation, named)
-    drawable = [(name, candidate) for name, candidate in named if np.isfinite(candidate.start.as_array()).all()]
-    steps = [(name, candidate) for name, candidate in drawable if candidate.refusal is None or with_refused]
+    drawable = [(name, outcome) for name, outcome in named if np.isfinite(outcome.candidate.start.as_array()).all()]
+    steps = [(name, outcome) for name, outcome in drawable if isinstance(outcome, Fit) or with_refused]
     yield from step_pictures(steps, shot)
     # on the shelf, what was given up lies too densely to be told apart in the shot
-    seen = [
-        (name, candidate) for name, candidate in steps if candidate.refusal is None or not explanation.shelf_views
-    ]
+    seen = [(name, outcome) for name, outcome in steps if isinstance(outcome, Fit) or not explanation.shelf_views]
     yield from _overlay_pictures(seen, shot)
-    placed = [
-        (name, candidate.model, candidate.pose, candidate.covariance)
-        for name, candidate in named
-        if candidate.refusal is None and candidate.pose is not None and candidate.covariance is not None
-    ]
+    placed = [(name, fit.candidate.model, fit.pose, fit.covariance) for name, fit in named if isinstance(fit, Fit)]
     figure = plan_figure(placed, shot.mounting, shelf)
     yield Picture("6-plan", "The pallets and the forklift from above", ".png", png(figure))
 
@@ -93,14 +90,14 @@ def shelf_pictures(explanation: Explanation, named: Named) -> Iterator[Picture]:
         yield Picture("1-shelf", "Where pallets were looked for, and where they were found", ".png", png(figure))
 
 
-def step_pictures(named: Sequence[tuple[str, Candidate]], shot: ShotView) -> Iterator[Picture]:
+def step_pictures(named: Sequence[tuple[str, Fit | Refusal]], shot: Shot) -> Iterator[Picture]:
     """Draw the steps of single candidates, as far as they came.
 
     Parameters
     ----------
-    named : sequence of (str, Candidate)
-        With the names to call them by.
-    shot : ShotView
+    named : sequence of (str, Fit or Refusal)
+        What became of them, with the names to call them by.
+    shot : Shot
         The shot.
 
     Yields
@@ -108,44 +105,42 @@ def step_pictures(named: Sequence[tuple[str, Candidate]], shot: ShotView) -> Ite
     Picture
         PNG files: step by step, and in each candidate by candidate.
     """
-    for name, candidate in named:
-        if candidate.horizontal:
-            content = png(horizontal_figure(name, candidate))
+    for name, outcome in named:
+        if steps_of(outcome, HorizontalView):
+            content = png(horizontal_figure(name, outcome))
             yield Picture(f"2-yaw-{name}", f"{name}: yaw from the horizontal plane", ".png", content)
-    for name, candidate in named:
-        if candidate.search is not None:
-            content = png(search_figure(name, candidate))
+    for name, outcome in named:
+        if last_step(outcome, Search):
             caption = f"{name}: hypotheses of yaw and distance, scored in the image"
-            yield Picture(f"3-search-{name}", caption, ".png", content)
-    for name, candidate in named:
-        if candidate.sweep is not None or candidate.joint is not None:
-            content = png(sweep_figure(name, candidate))
+            yield Picture(f"3-search-{name}", caption, ".png", png(search_figure(name, outcome)))
+    for name, outcome in named:
+        if last_step(outcome, Sweep) or last_step(outcome, JointSearch):
+            content = png(sweep_figure(name, outcome))
             yield Picture(f"3-position-{name}", f"{name}: position by the plane sweep", ".png", content)
-    for name, candidate in named:
-        if candidate.sweep or candidate.joint or candidate.search:
-            content = png(face_figure(name, candidate, shot))
+    for name, outcome in named:
+        if last_step(outcome, Search) or last_step(outcome, Sweep) or last_step(outcome, JointSearch):
             caption = f"{name}: front face at the start and as measured, with its edges"
-            yield Picture(f"4-face-{name}", caption, ".png", content)
+            yield Picture(f"4-face-{name}", caption, ".png", png(face_figure(name, outcome, shot)))
 
 
-def _overlay_pictures(named: Sequence[tuple[str, Candidate]], shot: ShotView) -> Iterator[Picture]:
+def _overlay_pictures(named: Sequence[tuple[str, Fit | Refusal]], shot: Shot) -> Iterator[Picture]:
     marks = list(_marks(named))
-    camera, camera_from_forklift = shot.projector.camera, shot.camera_from_forklift
-    drawn = draw_overlay(shot.image, camera, camera_from_forklift, marks)
-    region = region_of_interest(camera, camera_from_forklift, marks)
+    drawn = draw_overlay(shot.image, shot.camera, shot.mounting.to_camera, marks)
+    region = region_of_interest(shot.camera, shot.mounting.to_camera, marks)
     part = _narrowed(cut_out(drawn, region), _REGION_WIDTH)
     yield Picture("5-overlay", "The pallets drawn into the shot", ".jpg", _jpg(part))
     whole = _narrowed(drawn, _WHOLE_WIDTH)
     yield Picture("5-overlay-whole", "The same in the whole image", ".jpg", _jpg(whole))
 
 
-def _marks(named: Iterable[tuple[str, Candidate]]) -> Iterator[Mark]:
+def _marks(named: Iterable[tuple[str, Fit | Refusal]]) -> Iterator[Mark]:
     """Yield what to draw: candidates that were given up first, below the pallets."""
-    for name, candidate in sorted(named, key=lambda pair: pair[1].refusal is None):
-        if candidate.refusal is not None or candidate.pose is None:
-            yield Mark(candidate.model, candidate.pose or candidate.start, REFUSED, name, heading=False)
+    for name, outcome in sorted(named, key=lambda pair: isinstance(pair[1], Fit)):
+        model, pose = outcome.candidate.model, outcome.candidate.start if outcome.fit is None else outcome.fit.pose
+        if isinstance(outcome, Fit):
+            yield Mark(model, pose, MEASURED, name)
         else:
-            yield Mark(candidate.model, candidate.pose, MEASURED, name)
+            yield Mark(model, pose, REFUSED, name, heading=False)
 
 
 def _narrowed(image: Image, width: int) -> Image:

@@ -32,6 +32,7 @@ from palletloc.io.schema import (
 )
 
 _DECIMALS_DEG = 9
+"""Of written angles: 2e-11 rad, below what a transform keeps; 0.1 is not written as 0.10000000000000002."""
 
 
 def camera_from_spec(spec: CameraSpec) -> CameraModel:

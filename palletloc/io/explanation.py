@@ -7,23 +7,24 @@ from typing import Any
 
 import numpy as np
 
-from palletloc.candidate import Candidate
+from palletloc.candidate import Fit, Refusal, last_step, steps_of
 from palletloc.explained import EdgeAccount, SearchAxes, account_edges
 from palletloc.geometry import FloatArray, LevelPose
-from palletloc.joint_search import JointSearch
 from palletloc.localizer import Explanation
 from palletloc.pallet import PalletModel
-from palletloc.position import Sweep
-from palletloc.refinement.alignment import FaceEstimate
+from palletloc.paper.boundary import BoundaryLine
+from palletloc.paper.joint_search import JointSearch
+from palletloc.paper.position import Sweep
+from palletloc.paper.yaw import YawEstimate
+from palletloc.refinement.face_fit import FaceEstimate
 from palletloc.refinement.search import Search
-from palletloc.yaw import YawEstimate
 
 _AXES = ("x_m", "y_m", "z_m", "yaw_rad")
 """Keys of a pose's numbers, in the order of its covariance."""
 
 
 def explanation_document(
-    explanation: Explanation, named: Iterable[tuple[str, Candidate]], method: str
+    explanation: Explanation, named: Iterable[tuple[str, Fit | Refusal]], method: str
 ) -> dict[str, Any]:
     """Return what was found in a shot in a form that JSON can hold.
 
@@ -31,8 +32,8 @@ def explanation_document(
     ----------
     explanation : Explanation
         Of the shot.
-    named : iterable of (str, Candidate)
-        Its candidates with their names.
+    named : iterable of (str, Fit or Refusal)
+        What became of its candidates, with their names.
     method : str
         How poses were measured.
 
@@ -43,50 +44,52 @@ def explanation_document(
         candidate did not reach is absent.
     """
     return {
-        "file": explanation.file,
-        "time_s": explanation.time,
+        "file": explanation.shot.file,
+        "time_s": explanation.shot.time,
         "method": method,
         "pallets": len(explanation.measurements),
-        "candidates": [_candidate(name, candidate) for name, candidate in named],
+        "candidates": [_outcome(name, outcome) for name, outcome in named],
     }
 
 
-def _candidate(name: str, candidate: Candidate) -> dict[str, Any]:
+def _outcome(name: str, outcome: Fit | Refusal) -> dict[str, Any]:
+    candidate, fit = outcome.candidate, outcome.fit
     document: dict[str, Any] = {
         "name": name,
         "model": candidate.model.name,
         "detection_score": _rounded(candidate.score),
         "start": _pose(candidate.start),
     }
-    if candidate.refusal is not None:
-        document["refused"] = {"stage": str(candidate.refusal[0]), "reason": str(candidate.refusal[1])}
-    if candidate.pose is not None and candidate.covariance is not None:
-        sigma = np.sqrt(np.diag(candidate.covariance))
-        document["pose"] = _pose(candidate.pose) | {"yaw_from": str(candidate.yaw_from)}
+    if isinstance(outcome, Refusal):
+        document["refused"] = {"stage": str(outcome.stage), "reason": str(outcome.reason)}
+    if fit is not None:
+        sigma = np.sqrt(np.diag(fit.covariance))
+        document["pose"] = _pose(fit.pose) | {"yaw_from": str(fit.yaw_from)}
         document["sigma"] = dict(zip(_AXES, _list(sigma), strict=True))
-        document["covariance"] = [_list(row) for row in candidate.covariance]
-        document["ellipse"] = _ellipse(candidate.covariance)
-    if candidate.lines:
+        document["covariance"] = [_list(row) for row in fit.covariance]
+        document["ellipse"] = _ellipse(fit.covariance)
+    if lines := steps_of(outcome, BoundaryLine):
         document["hough_lines"] = [
-            {"turn_rad": _rounded(line.turn), "up_m": _rounded(line.up), "votes": line.votes}
-            for line in candidate.lines
+            {"turn_rad": _rounded(line.turn), "up_m": _rounded(line.up), "votes": line.votes} for line in lines
         ]
+    yaw, swept = last_step(outcome, YawEstimate), last_step(outcome, Sweep)
+    joint, search = last_step(outcome, JointSearch), last_step(outcome, Search)
     parts = {
-        "yaw": candidate.yaw and _yaw(candidate.yaw),
-        "sweep": candidate.sweep and _sweep(candidate.sweep),
-        "joint_search": candidate.joint and _joint(candidate.joint),
-        "search": candidate.search and _search(candidate.search),
-        "face": candidate.face and _face(candidate.face, candidate.model),
+        "yaw": yaw and _yaw(yaw),
+        "sweep": swept and _sweep(swept),
+        "joint_search": joint and _joint(joint),
+        "search": search and _search(search),
+        "face": fit and fit.face and _face(fit.face, candidate.model),
     }
     document |= {key: part for key, part in parts.items() if part}
-    if candidate.verification is not None:
+    if fit is not None and fit.evidence is not None:
         document["verification"] = {
-            "contrast": _rounded(candidate.verification.signs.contrast),
-            "coverage": _rounded(candidate.verification.signs.coverage),
-            "score": _rounded(candidate.verification.signs.score),
-            "doubt": _rounded(candidate.verification.signs.doubt),
-            "hidden": _rounded(candidate.verification.signs.hidden),
-            "rank": _rounded(candidate.verification.rank),
+            "contrast": _rounded(fit.evidence.contrast),
+            "coverage": _rounded(fit.evidence.coverage),
+            "score": _rounded(fit.evidence.score),
+            "doubt": _rounded(fit.evidence.doubt),
+            "hidden": _rounded(fit.evidence.hidden),
+            "rank": _rounded(fit.evidence.probability),
         }
     return document
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.io.csv_table import Row, format_number, read_rows, write_rows
-from palletloc.measurement import PalletMeasurement, Reason, Refusal, Stage, YawSource
+from palletloc.measurement import PalletMeasurement, Reason, RefusedCandidate, Stage, YawSource
 
 POSE_COLUMNS = ("x_m", "y_m", "z_m", "yaw_rad")
 """A level pose."""
@@ -24,7 +24,9 @@ REFUSAL_COLUMNS = ("time_s", "file", "model", "stage", "reason")
 """Header of refusals.csv."""
 
 _RESULT_COLUMNS = MEASUREMENT_COLUMNS[3:]
+"""Empty where a start led to no pose."""
 _UPPER = np.triu_indices(4)
+"""Rows and columns of the covariance's upper triangle, in the order of its columns."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +72,7 @@ def pose_cells(pose: LevelPose, covariance: FloatArray) -> list[str]:
     return cells + [f"{value + 0.0:.6e}" for value in covariance[_UPPER]]
 
 
-def refusal_cells(refusal: Refusal) -> list[str]:
+def refusal_cells(refusal: RefusedCandidate) -> list[str]:
     """Return the cells of a row of refusals.csv."""
     return [format_time(refusal.time), refusal.file, refusal.model, str(refusal.stage), str(refusal.reason)]
 
@@ -162,7 +164,7 @@ def read_pose(row: Row) -> LevelPose:
     return LevelPose(*row.numbers(POSE_COLUMNS))
 
 
-def write_refusals(path: Path, refusals: Iterable[Refusal]) -> None:
+def write_refusals(path: Path, refusals: Iterable[RefusedCandidate]) -> None:
     """Write refusals.csv, whole or not at all.
 
     Raises
@@ -173,7 +175,7 @@ def write_refusals(path: Path, refusals: Iterable[Refusal]) -> None:
     write_rows(path, REFUSAL_COLUMNS, (refusal_cells(refusal) for refusal in refusals))
 
 
-def read_refusals(path: str | Path) -> tuple[Refusal, ...]:
+def read_refusals(path: str | Path) -> tuple[RefusedCandidate, ...]:
     """Read refusals.csv.
 
     Raises
@@ -182,7 +184,7 @@ def read_refusals(path: str | Path) -> tuple[Refusal, ...]:
         If the file cannot be read or a row is wrong; names the line.
     """
     return tuple(
-        Refusal(
+        RefusedCandidate(
             row.number("time_s"),
             row.text("model"),
             row.choice("stage", Stage),

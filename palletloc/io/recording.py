@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -31,8 +31,10 @@ from palletloc.io.yaml_document import DocumentError, read_document, write_docum
 from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
 from palletloc.pallet_library import find_models, format_pallets, read_pallets
+from palletloc.prior import PriorConfig
 from palletloc.shelf import ShelfPlane
-from palletloc.trajectory import Trajectory
+from palletloc.shot import Shot
+from palletloc.trajectory import Trajectory, TrajectoryError
 
 RECORDING, PALLETS, SHOTS, ODOMETRY = "recording.yaml", "pallets.yaml", "shots.csv", "odometry.csv"
 """Names of the files in the folder."""
@@ -44,9 +46,13 @@ MIN_SHELF_DISTANCE = 0.2
 """Closest that the camera may be to the shelf's front plane, in metres."""
 
 
+class ShotError(PalletLocError):
+    """A shot that cannot be used although its image can be read; names the file and what was expected."""
+
+
 @dataclass(frozen=True, slots=True)
-class Shot:
-    """An image with its time."""
+class ShotFile:
+    """An image in its file, with its time: a row of shots.csv."""
 
     time: float
     """When it was exposed, in seconds."""
@@ -68,7 +74,7 @@ class Recording:
     """The nominal front plane of the shelf, in odom."""
     models: tuple[PalletModel, ...]
     """The pallets to look for."""
-    shots: tuple[Shot, ...]
+    shots: tuple[ShotFile, ...]
     """In order of time."""
     odometry: Trajectory
     """``odom_from_forklift``, with speed and yaw rate."""
@@ -87,12 +93,12 @@ class Recording:
             rotation_sigma=self.rotation_sigma or mounting.rotation_sigma,
         )
 
-    def image(self, shot: Shot, *, gray: bool = False) -> Image:
+    def image(self, shot: ShotFile, *, gray: bool = False) -> Image:
         """Read and decode the image of a shot; it is not kept.
 
         Parameters
         ----------
-        shot : Shot
+        shot : ShotFile
             One of the recording's.
         gray : bool
             Whether to decode to gray.
@@ -108,6 +114,58 @@ class Recording:
             If the file is missing, damaged, too large, or not of the camera's size.
         """
         return read_image(self.folder / shot.file, (self.camera.width, self.camera.height), gray=gray)
+
+    def __iter__(self) -> Iterator[Shot]:
+        """Yield the shots in order of time, each with its image.
+
+        Raises
+        ------
+        ImageError
+            If an image cannot be read.
+        """
+        return map(self.shot, self.shots)
+
+    def shot(self, entry: ShotFile) -> Shot:
+        """Return a shot with its image, which is read now and not kept.
+
+        Parameters
+        ----------
+        entry : ShotFile
+            One of the recording's.
+
+        Raises
+        ------
+        ImageError
+            If the image cannot be read.
+        """
+        return Shot(self.image(entry), self.camera, self.mounting, entry.time, entry.file)
+
+    def shelf_at(self, time: float, prior: PriorConfig | None = None) -> ShelfPlane:
+        """Carry the nominal shelf plane to a time by odometry.
+
+        Parameters
+        ----------
+        time : float
+            In seconds.
+        prior : PriorConfig, optional
+            How fast the odometry's heading may drift.
+
+        Returns
+        -------
+        ShelfPlane
+            In the forklift frame at that time, with the drift that the heading may have by then.
+
+        Raises
+        ------
+        ShotError
+            If the odometry does not reach that time.
+        """
+        try:
+            odom_from_forklift = self.odometry.pose_at(time)
+        except TrajectoryError as error:
+            raise ShotError(f"{self.folder / ODOMETRY}: {error}") from error
+        start, _ = self.odometry.span
+        return self.shelf.seen_from(odom_from_forklift, (prior or PriorConfig()).drift_after(time - start))
 
     def digest(self) -> str:
         """Return a short text that changes when the files do (images aside) or the pallet models."""
@@ -175,9 +233,9 @@ def _read_models(folder: Path, names: tuple[str, ...]) -> tuple[PalletModel, ...
         raise DocumentError(f"{folder / RECORDING}: pallets: {error}") from error
 
 
-def _read_shots(path: Path) -> tuple[Shot, ...]:
+def _read_shots(path: Path) -> tuple[ShotFile, ...]:
     rows = in_order_of_time(read_rows(path, SHOT_COLUMNS))
-    shots = tuple(Shot(row.number("time_s"), row.text("file")) for row in rows)
+    shots = tuple(ShotFile(row.number("time_s"), row.text("file")) for row in rows)
     if not shots:
         raise TableError(f"{path}: has no rows; expected at least one shot")
     return shots

@@ -12,9 +12,8 @@ from types import TracebackType
 from typing import Any, Self
 
 from palletloc import __version__
-from palletloc.io.atomic import cannot_write, write_text
+from palletloc.io.atomic import Journal, cannot_write, write_text
 from palletloc.io.csv_table import write_rows
-from palletloc.io.journal import Journal
 from palletloc.io.measurements import (
     MEASUREMENT_COLUMNS,
     REFUSAL_COLUMNS,
@@ -23,8 +22,8 @@ from palletloc.io.measurements import (
     refusal_cells,
 )
 from palletloc.io.reading import InputError, read_bytes, read_text
-from palletloc.io.recording import Recording, Shot
-from palletloc.measurement import PalletMeasurement, Refusal
+from palletloc.io.recording import Recording, ShotFile
+from palletloc.measurement import PalletMeasurement, RefusedCandidate
 
 MEASUREMENTS, REFUSALS, STATUS, JOURNAL = "measurements.csv", "refusals.csv", "run.json", ".unfinished.jsonl"
 """Names of the files in the folder."""
@@ -89,7 +88,7 @@ class RunFolder:
         What the run is.
     source : Path
         The recording's folder, to be named in ``run.json``.
-    shots : sequence of Shot
+    shots : sequence of ShotFile
         What to work through; their rows are written in this order. A shot may stand there more than once.
     resume : bool
         Whether to keep what an earlier run finished, and work on what it skipped or left.
@@ -102,7 +101,9 @@ class RunFolder:
         If the folder cannot be written.
     """
 
-    def __init__(self, folder: Path, run: Run, source: Path, shots: Sequence[Shot], *, resume: bool = False) -> None:
+    def __init__(
+        self, folder: Path, run: Run, source: Path, shots: Sequence[ShotFile], *, resume: bool = False
+    ) -> None:
         self._folder = folder
         self._run = run
         self._source = source
@@ -144,13 +145,15 @@ class RunFolder:
         """Why shots could not be read, by their number."""
         return dict(self._skipped)
 
-    def remaining(self) -> Iterator[tuple[int, Shot]]:
+    def remaining(self) -> Iterator[tuple[int, ShotFile]]:
         """Yield the number and shot of everything that is left to do, in order."""
         for number, shot in enumerate(self._shots):
             if number not in self._done:
                 yield number, shot
 
-    def add(self, number: int, rows: Sequence[PalletMeasurement | NoPose], refusals: Sequence[Refusal]) -> None:
+    def add(
+        self, number: int, rows: Sequence[PalletMeasurement | NoPose], refusals: Sequence[RefusedCandidate]
+    ) -> None:
         """Keep what a shot gave.
 
         Parameters
@@ -159,7 +162,7 @@ class RunFolder:
             Of the shot, as `remaining` gives it.
         rows : sequence of PalletMeasurement and NoPose
             Its rows of measurements.csv.
-        refusals : sequence of Refusal
+        refusals : sequence of RefusedCandidate
             Its rows of refusals.csv.
 
         Raises

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from palletloc.io.csv_table import Row, read_rows
 from palletloc.io.measurements import POSE_COLUMNS, read_pose
-from palletloc.io.recording import Shot
+from palletloc.io.recording import ShotFile
 from palletloc.localizer import Start
 
 START_COLUMNS = ("time_s", "model", *POSE_COLUMNS)
@@ -23,20 +23,20 @@ TIME_TOLERANCE = 5e-4
 class ShotStarts:
     """The starts of one shot that stand together in the file."""
 
-    shot: Shot
+    shot: ShotFile
     """The shot that their times mean."""
     starts: tuple[Start, ...]
     """In the file's order."""
 
 
-def read_starts(path: Path, shots: Sequence[Shot]) -> tuple[ShotStarts, ...]:
+def read_starts(path: Path, shots: Sequence[ShotFile]) -> tuple[ShotStarts, ...]:
     """Read the starts of a recording's shots.
 
     Parameters
     ----------
     path : Path
         A csv file with the columns `START_COLUMNS`, poses in the forklift frame, in any order.
-    shots : sequence of Shot
+    shots : sequence of ShotFile
         Those of the recording, in order of time.
 
     Returns
@@ -57,13 +57,13 @@ def read_starts(path: Path, shots: Sequence[Shot]) -> tuple[ShotStarts, ...]:
     )
 
 
-def _pairs(path: Path, shots: Sequence[Shot]) -> Iterator[tuple[Shot, Start]]:
+def _pairs(path: Path, shots: Sequence[ShotFile]) -> Iterator[tuple[ShotFile, Start]]:
     times = [shot.time for shot in shots]
     for row in read_rows(path, START_COLUMNS):
         yield _shot_of(row, shots, times), Start(row.text("model"), read_pose(row))
 
 
-def _shot_of(row: Row, shots: Sequence[Shot], times: Sequence[float]) -> Shot:
+def _shot_of(row: Row, shots: Sequence[ShotFile], times: Sequence[float]) -> ShotFile:
     time = row.number("time_s")
     after = bisect(times, time)
     nearest = min(shots[max(after - 1, 0) : after + 1], key=lambda shot: abs(shot.time - time))

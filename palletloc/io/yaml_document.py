@@ -17,6 +17,7 @@ from palletloc.io.csv_table import shortened
 from palletloc.io.reading import InputError, read_text
 
 _LENGTHS = {"min_length": "least", "max_length": "most"}
+"""What the validator calls bounds of a length, and what a message calls them."""
 
 
 class DocumentError(InputError):

@@ -10,14 +10,14 @@ from statistics import median
 
 import numpy as np
 
-from palletloc.cameras.protocol import CameraModel
-from palletloc.edge_fit import EdgeFit, EdgePeaks, fit_edges
+from palletloc.edge_fit import EdgeFit
 from palletloc.face import EdgeKind, EdgeShift, FaceEdge, edge_shift, face_lines
-from palletloc.geometry import FloatArray, Image
+from palletloc.geometry import FloatArray, LevelPose
+from palletloc.measurement import Reason
 from palletloc.pallet import PalletModel
-from palletloc.refinement.cuts import face_cuts
 from palletloc.refinement.occlusion import Spans, hidden_spans, is_hidden, joined
-from palletloc.refinement.profiles import MARGIN, Profiles, Samples, cut_profiles
+from palletloc.refinement.profiles import cut_profiles, face_cuts, fit_profiles
+from palletloc.shot import MIN_DISTANCE, Shot
 
 SMOOTHING_PX = 1.0
 """Standard deviation of the smoothing along an edge, in pixels of the image."""
@@ -29,8 +29,6 @@ MOST_CLEAR = 0.7
 """Part of the edges that are clear in a good image: there, an edge that is not clear is not there."""
 BORDERING = 0.7
 """How much the edge says that parts the face from the pallet's own side, of the same wood in another light."""
-END_PIXELS = 1.0
-"""How many pixels of the image at each end of an edge are left out."""
 LEAST_REACH = 0.75
 """How far an edge is looked for at least, in pixels of the image."""
 BELONGS_PX = 0.5
@@ -59,6 +57,8 @@ class MeasuredEdge:
     """Where a camera should see it against the drawn edge, and how sure that is."""
     pixel: float
     """Size of a pixel of the image across the edge, in metres."""
+    evidence_weight: float
+    """How much it says whether it is seen, 0 to 1; see `SeenFace.evidence_weight`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +67,10 @@ class SeenFace:
 
     plane_from_camera: FloatArray
     """(3,) the camera's centre in the face's coordinates: right, up, towards the viewer, in metres."""
+    camera_from_face: FloatArray
+    """(4, 4) the face's plane in the camera's frame: x right, y up."""
+    lines: tuple[FaceEdge, ...]
+    """The lines of the face that the camera would see if nothing stood before it, from the first to the last end."""
     edges: tuple[MeasuredEdge, ...]
     """The edges that are seen."""
     expected: float
@@ -76,6 +80,11 @@ class SeenFace:
     hidden_part: float = 0.0
     """Part of the face's width that is hidden, 0 to 1."""
 
+    @property
+    def hidden_lines(self) -> tuple[FaceEdge, ...]:
+        """The lines that something stands before."""
+        return tuple(line for line in self.lines if is_hidden(line, self.hidden))
+
     def loaded(self, edge: FaceEdge) -> bool:
         """Tell whether a load may begin at an edge: at the upper one, seen from above."""
         return _loaded(self.plane_from_camera, edge)
@@ -84,13 +93,13 @@ class SeenFace:
         """Tell whether the pallet's own side begins at an edge: at the one towards a viewer who stands aside."""
         return _borders_on_side(self.plane_from_camera, edge)
 
-    def says(self, edge: FaceEdge) -> float:
+    def evidence_weight(self, edge: FaceEdge) -> float:
         """Return how much it says whether an edge is seen, 0 to 1: less where what borders on it may look alike."""
-        return _says(self.plane_from_camera, edge)
+        return _evidence_weight(self.plane_from_camera, edge)
 
     def width_px(self, width: float) -> float:
         """Return how wide a face of so many metres is in the image, in pixels; 0 where no upright edge is seen."""
-        pixels = [one.pixel for one in self.edges if not one.edge.horizontal]
+        pixels = [edge.pixel for edge in self.edges if not edge.edge.horizontal]
         return width / float(np.median(pixels)) if pixels else 0.0
 
 
@@ -114,41 +123,35 @@ class EdgeReach:
 
 
 def measure_face(
-    camera: CameraModel,
-    image: Image,
-    camera_from_face: FloatArray,
-    plane_from_camera: FloatArray,
-    model: PalletModel,
-    reach: EdgeReach,
-    posts: Spans = (),
-) -> SeenFace | None:
+    shot: Shot, pose: LevelPose, model: PalletModel, reach: EdgeReach, occluders: Spans = ()
+) -> SeenFace | Reason:
     """Measure the edges of a face in the shot.
 
     Parameters
     ----------
-    camera : CameraModel
-        The camera that took the image.
-    image : Image
+    shot : Shot
         The shot.
-    camera_from_face : (4, 4) array
-        The face's plane where it is looked for: x right, y up.
-    plane_from_camera : (3,) array
-        The camera's centre in the face's coordinates, in metres.
+    pose : LevelPose
+        ``forklift_from_pallet`` where the face is looked for.
     model : PalletModel
         The pallet.
     reach : EdgeReach
         How far to look.
-    posts : sequence of (left, right)
+    occluders : sequence of (left, right)
         Stretches of the face that something is seen to stand before, in metres.
 
     Returns
     -------
-    SeenFace or None
-        With the edges of which enough is seen for a line; None where the camera does not see the whole face.
+    SeenFace or Reason
+        With the edges of which enough is seen for a line; `Reason.BEHIND_FACE` or `Reason.OUT_OF_VIEW` where the
+        camera does not see the whole face.
     """
-    right, up = _pixel_sizes(camera, camera_from_face, model)
+    camera_from_face, plane_from_camera = shot.camera_from_face(pose), shot.camera_in(pose)
+    if plane_from_camera[2] < MIN_DISTANCE:
+        return Reason.BEHIND_FACE
+    right, up = _pixel_sizes(shot, camera_from_face, model)
     if not math.isfinite(right + up):
-        return None
+        return Reason.OUT_OF_VIEW
     below = bool(plane_from_camera[1] < 0)
     # spacings from a ladder: a cut a pixel apart is enough, and the cuts of a model are kept
     cuts = face_cuts(model, reach.spacing * _rung(right), reach.spacing * _rung(up), below)
@@ -159,27 +162,31 @@ def measure_face(
     if reach.settled:
         far = np.minimum(far, np.maximum(0.5 * np.array(gaps), LEAST_REACH * across))
     center = plane_from_camera.tolist()
-    shifts = [edge_shift(line.whole, center, model) for line in cuts.lines]
+    lines = tuple(line.whole for line in cuts.lines)
+    weights = [_evidence_weight(center, line) for line in lines]
+    shifts = [edge_shift(line, center, model) for line in lines]
     mean = np.array([shift.mean for shift in shifts])
-    profiles = cut_profiles(camera, image, camera_from_face, cuts, mean, far, pixel)
+    profiles = cut_profiles(shot, camera_from_face, cuts, mean, far, pixel)
     if not profiles.valid.all():
-        return None
-    peaks, fits = _fits(profiles, SMOOTHING_PX)
+        return Reason.OUT_OF_VIEW
+    peaks, fits = fit_profiles(profiles, SMOOTHING_PX)
     clear = sum(fit is not None and fit.coverage >= CLEAR_COVERAGE for fit in fits)
     if reach.faint and clear < MOST_CLEAR * len(fits):
-        peaks, faint = _fits(profiles, FAINT_SMOOTHING_PX)
+        peaks, faint = fit_profiles(profiles, FAINT_SMOOTHING_PX)
         fits = [_clearer(*both) for both in zip(fits, faint, strict=True)]
     belongs = np.maximum(BELONGS_PX * across, model.tolerance)
-    hidden = joined(hidden_spans(cuts, peaks, fits, belongs), posts) if reach.settled else joined(posts)
+    hidden = joined(hidden_spans(cuts, peaks, fits, belongs), occluders) if reach.settled else joined(occluders)
     usual = median([fit.strength for fit in fits if fit is not None] or [0.0])
     edges = tuple(
-        MeasuredEdge(line.whole, fit, _sigma(fit, gap, model.tolerance, size, FAINT * usual), shift, size)
-        for line, fit, gap, shift, size in zip(cuts.lines, fits, gaps, shifts, across.tolist(), strict=True)
-        if fit is not None and not is_hidden(line.whole, hidden)
+        MeasuredEdge(line, fit, _sigma(fit, gap, model.tolerance, size, FAINT * usual), shift, size, weight)
+        for line, fit, gap, shift, size, weight in zip(
+            lines, fits, gaps, shifts, across.tolist(), weights, strict=True
+        )
+        if fit is not None and not is_hidden(line, hidden)
     )
-    expected = sum(_says(center, line.whole) for line in cuts.lines if not is_hidden(line.whole, hidden))
+    expected = sum(weight for line, weight in zip(lines, weights, strict=True) if not is_hidden(line, hidden))
     hidden_part = sum(right - left for left, right in hidden) / model.width
-    return SeenFace(plane_from_camera, edges, expected, hidden, hidden_part)
+    return SeenFace(plane_from_camera, camera_from_face, lines, edges, expected, hidden, hidden_part)
 
 
 def _loaded(camera: FloatArray | Sequence[float], edge: FaceEdge) -> bool:
@@ -190,31 +197,31 @@ def _borders_on_side(camera: FloatArray | Sequence[float], edge: FaceEdge) -> bo
     return edge.kind is EdgeKind.SIDE and bool(camera[0] * edge.outward[0] > abs(edge.middle[0]))
 
 
-def _says(camera: FloatArray | Sequence[float], edge: FaceEdge) -> float:
+def _evidence_weight(camera: FloatArray | Sequence[float], edge: FaceEdge) -> float:
     if _loaded(camera, edge):
         return 0.0
     return BORDERING if _borders_on_side(camera, edge) else 1.0
 
 
-def _pixel_sizes(camera: CameraModel, camera_from_face: FloatArray, model: PalletModel) -> tuple[float, float]:
+def _pixel_sizes(shot: Shot, camera_from_face: FloatArray, model: PalletModel) -> tuple[float, float]:
     """Return the size of a pixel along the face's right and up at its middle, infinite where it is not seen."""
     step = 1e-3
     up = model.height / 2
     points = np.array([[0.0, up], [step, up], [0.0, up + step]])
-    pixels, valid = camera.project(points @ camera_from_face[:3, :2].T + camera_from_face[:3, 3])
+    pixels, valid = shot.camera.project(points @ camera_from_face[:3, :2].T + camera_from_face[:3, 3])
     if not valid.all():
         return np.inf, np.inf
     at, *ends = pixels.tolist()
-    right, up = (step / max(_apart(at, end, camera.period_px), 1e-9) for end in ends)
+    right, up = (step / max(_apart(at, end, shot.camera.period_px), 1e-9) for end in ends)
     return right, up
 
 
-def _apart(one: Sequence[float], other: Sequence[float], period: float | None) -> float:
+def _apart(pixel: Sequence[float], other: Sequence[float], period: float | None) -> float:
     """Return the distance of two pixels, the shorter way round where the image is closed."""
-    across = other[0] - one[0]
+    across = other[0] - pixel[0]
     if period is not None:
         across -= period * round(across / period)
-    return math.hypot(across, other[1] - one[1])
+    return math.hypot(across, other[1] - pixel[1])
 
 
 def _rung(size: float) -> float:
@@ -222,39 +229,11 @@ def _rung(size: float) -> float:
     return float(2.0 ** (round(2 * math.log2(size)) / 2))
 
 
-def _fits(profiles: Profiles, along_px: float) -> tuple[EdgePeaks, list[EdgeFit | None]]:
-    """Return the peaks on each edge and a line through them, with the image smoothed along by so many pixels."""
-    cuts, across, along = profiles.cuts, profiles.pixel[:, 0], profiles.pixel[:, 1]
-    # an upright edge stays upright: only level ones may tilt, by the yaw
-    tilt = np.where(cuts.level, np.inf, 0.5 * across / cuts.length)
-    peaks = _peaks(profiles, profiles.gradient(along_px))
-    return peaks, fit_edges(peaks, across, along, profiles.reach, tilt)
-
-
 def _clearer(fine: EdgeFit | None, smooth: EdgeFit | None) -> EdgeFit | None:
     """Return the fit of a faint edge that covers more of it."""
     if fine is None or smooth is None:
         return smooth if fine is None else fine
     return fine if fine.coverage >= min(CLEAR_COVERAGE, smooth.coverage) else smooth
-
-
-def _peaks(profiles: Profiles, gradient: Samples) -> EdgePeaks:
-    """Return the strongest true local maximum on each cut: the end of a slope would only return the prediction."""
-    cuts, count = profiles.cuts, gradient.shape[1]
-    # within the reach; the samples beyond it are only neighbours
-    left, middle, right = (
-        gradient[:, first : count - 2 * MARGIN + first] for first in (MARGIN - 1, MARGIN, MARGIN + 1)
-    )
-    offsets = profiles.offsets[MARGIN:-MARGIN]
-    peaked = (middle > left) & (middle >= right)
-    best = (middle * peaked).argmax(axis=1)
-    at = np.arange(len(best)) * count + best + MARGIN - 1
-    a, b, c = (gradient.ravel().take(at + which).astype(np.float64) for which in (0, 1, 2))
-    shift = np.minimum(np.maximum(0.5 * (a - c) / np.minimum(a - 2 * b + c, -1e-9), -0.5), 0.5)
-    offset = (offsets[best] + shift * (offsets[1] - offsets[0])) * profiles.reach[cuts.line]
-    trimmed = cuts.end < np.minimum(END_PIXELS * profiles.pixel[cuts.line, 1], cuts.shortest)
-    strength = np.where(trimmed, -1.0, b * peaked[np.arange(len(best)), best])
-    return EdgePeaks(cuts.in_line, cuts.by_line(offset, 0.0), cuts.by_line(strength, -1.0))
 
 
 @lru_cache(maxsize=64)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from palletloc.geometry import FloatArray, LevelPose, wrap_angle
+from palletloc.geometry import FloatArray, LevelPose
 from palletloc.matching import Energy
 from palletloc.pallet import PalletModel
 from palletloc.refinement.occlusion import Spans
@@ -154,12 +154,12 @@ def score_pose(patch: FacePatch, model: PalletModel, pose: LevelPose, hidden: Sp
         Agreement of drawing and image, 1 where every edge is seen and nothing inside the blocks.
     """
     samples = face_samples(model)
-    turn = wrap_angle(pose.yaw - patch.base.yaw)
+    turn = pose.yaw - patch.base.yaw
     slope = float(_slope(patch, model, np.array(turn)))
     parts = (
         (samples.level_weight, patch.along_level(slope)),
-        (samples.upright_weight, patch.along_upright()),
-        (samples.block_weight, patch.any_direction()),
+        (samples.upright_weight, patch.upright),
+        (samples.block_weight, patch.any_direction),
     )
     columns, rows = patch.view.grid.pixels(patch.appearing(pose, samples.points)).T.astype(np.float32)
     shown = np.ones(len(columns), dtype=bool)
@@ -219,7 +219,7 @@ def _pose(patch: FacePatch, sliding: bool, turn: float, distance: float, place: 
         patch.base.x + sin * right + cos * depth,
         patch.base.y - cos * right + sin * depth,
         patch.base.z + up,
-        wrap_angle(patch.base.yaw + turn),
+        math.remainder(patch.base.yaw + turn, math.tau),
     )
 
 
@@ -257,8 +257,8 @@ def _level_scores(patch: FacePatch, model: PalletModel, grid: HypothesisGrid) ->
 def _rest_scores(patch: FacePatch, model: PalletModel, columns: Energy, rows: Energy) -> Energy:
     """Return what upright edges and blocks say of hypotheses, by where their points appear."""
     samples, split = face_samples(model), len(face_samples(model).upright)
-    upright = _looked_up(patch.along_upright(), columns[..., :split], rows[..., :split])
-    block = _looked_up(patch.any_direction(), columns[..., split:], rows[..., split:])
+    upright = _looked_up(patch.upright, columns[..., :split], rows[..., :split])
+    block = _looked_up(patch.any_direction, columns[..., split:], rows[..., split:])
     weight = np.concatenate([samples.upright_weight, samples.block_weight]).astype(np.float32)
     return np.asarray(upright @ weight[:split] + block @ weight[split:])
 
@@ -297,14 +297,15 @@ def _polished(patch: FacePatch, model: PalletModel, best: FloatArray, grid: Hypo
     middles = np.einsum("pan,pn->pa", places, top) / np.count_nonzero(top, axis=1)[:, None]
     values = score.max(axis=1).tolist()
     return [
-        Scored(_pose(patch, grid.sliding, *one), value) for one, value in zip(middles.tolist(), values, strict=True)
+        Scored(_pose(patch, grid.sliding, *middle), value)
+        for middle, value in zip(middles.tolist(), values, strict=True)
     ]
 
 
 @lru_cache(maxsize=16)
 def _around(varied: tuple[bool, ...]) -> FloatArray:
     """Return all ways to go a third of a step to and fro along some axes, (axes, n)."""
-    sizes = [3 if one else 1 for one in varied]
+    sizes = [3 if axis else 1 for axis in varied]
     middle = np.array([size // 2 for size in sizes])
     return np.asarray(0.35 * (np.indices(sizes).reshape(len(sizes), -1) - middle[:, None]))
 

@@ -9,16 +9,13 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import RigidTransform
 
-from palletloc.geometry import BoolArray, FloatArray, Image, LevelPose, wrap_angle
+from palletloc.geometry import BoolArray, FloatArray, Image, LevelPose
 from palletloc.matching import Energy
 from palletloc.measurement import Reason
-from palletloc.plane import PALLET_FROM_VERTICAL, PlaneGrid, PlaneView, place_plane
-from palletloc.projection import Projector
+from palletloc.plane import PlaneView
+from palletloc.shot import MIN_DISTANCE, Extent, Shot
 
-MIN_DISTANCE = 0.2
-"""Least distance of the camera from the plane, in metres."""
 SMOOTHING = 0.006
 """Standard deviation of the smoothing before colours are compared, in metres."""
 WINDOW = (0.4, 0.2)
@@ -47,6 +44,10 @@ class FacePatch:
     """The image without what noise and grain do to colours."""
     tensor: tuple[Energy, Energy, Energy]
     """The structure tensor's elements (across columns, mixed, across rows), normalised by the neighbourhood."""
+    upright: Energy
+    """How much edge runs upright, 0 to 1, widened by a pixel."""
+    any_direction: Energy
+    """How much edge there is of any direction, 0 to 1."""
     _kept: dict[float, Energy] = field(default_factory=dict, repr=False, compare=False)
 
     def along_level(self, slope: float) -> Energy:
@@ -65,18 +66,6 @@ class FacePatch:
         for rung in sorted(set(rungs.tolist())):
             yield np.flatnonzero(rungs == rung), self.along_level(rung * SLOPE_STEP)
 
-    def along_upright(self) -> Energy:
-        """Return how much edge runs upright, 0 to 1, widened by a pixel."""
-        if np.inf not in self._kept:
-            self._kept[np.inf] = _widened(self.tensor[0], (3, 1))
-        return self._kept[np.inf]
-
-    def any_direction(self) -> Energy:
-        """Return how much edge there is of any direction, 0 to 1."""
-        if -np.inf not in self._kept:
-            self._kept[-np.inf] = np.minimum(self.tensor[0] + self.tensor[2], np.float32(1.0))
-        return self._kept[-np.inf]
-
     def appearing(self, pose: LevelPose, points: FloatArray) -> FloatArray:
         """Return where points of a face at a pose appear on the plane.
 
@@ -92,7 +81,7 @@ class FacePatch:
         (n, 2) array
             Right and up on the plane, in metres.
         """
-        turn = wrap_angle(pose.yaw - self.base.yaw)
+        turn = pose.yaw - self.base.yaw
         cos, sin = math.cos(self.base.yaw), math.sin(self.base.yaw)
         x, y = pose.x - self.base.x, pose.y - self.base.y
         right, depth = sin * x - cos * y, cos * x + sin * y
@@ -129,24 +118,13 @@ class FacePatch:
         return found, np.asarray(seen & self.view.valid[row, column])
 
 
-def view_patch(
-    projector: Projector,
-    image: Image,
-    camera_from_forklift: RigidTransform,
-    base: LevelPose,
-    extent: tuple[float, float, float, float],
-    resolution: float,
-) -> FacePatch | Reason:
+def view_patch(shot: Shot, base: LevelPose, extent: Extent, resolution: float) -> FacePatch | Reason:
     """Project the surroundings of a face on its plane.
 
     Parameters
     ----------
-    projector : Projector
-        Of the camera that took the image.
-    image : Image
+    shot : Shot
         The shot.
-    camera_from_forklift : RigidTransform
-        Inverse of the camera's mounting.
     base : LevelPose
         ``forklift_from_pallet`` of a face on the plane.
     extent : (left, right, low, high)
@@ -159,13 +137,10 @@ def view_patch(
     FacePatch or Reason
         `Reason.BEHIND_FACE` where the camera is not before the plane, `Reason.OUT_OF_VIEW` where it sees little.
     """
-    camera_from_plane = place_plane(camera_from_forklift, base, PALLET_FROM_VERTICAL)
-    matrix = camera_from_plane.as_matrix()
-    camera = -matrix[:3, :3].T @ matrix[:3, 3]
+    camera = shot.camera_in(base)
     if camera[2] < MIN_DISTANCE:
         return Reason.BEHIND_FACE
-    grid = PlaneGrid.spanning(*extent, resolution)
-    view = projector.view(image, camera_from_plane, grid)
+    view = shot.vertical_view(base, extent, resolution)
     seen = np.count_nonzero(view.valid)
     if seen < 0.5 * view.valid.size:
         return Reason.OUT_OF_VIEW
@@ -174,7 +149,8 @@ def view_patch(
     if seen < view.valid.size:  # where the image ends there is no edge
         inside = cv2.erode(view.valid.astype(np.float32), np.ones((7, 7), np.uint8), borderValue=1.0)
         tensor = tensor[0] * inside, tensor[1] * inside, tensor[2] * inside
-    return FacePatch(base, camera, view, np.asarray(smooth, dtype=np.uint8), tensor)
+    upright, edges = _widened(tensor[0], (3, 1)), np.minimum(tensor[0] + tensor[2], np.float32(1.0))
+    return FacePatch(base, camera, view, np.asarray(smooth, dtype=np.uint8), tensor, upright, edges)
 
 
 def _widened(energy: Energy, columns_rows: tuple[int, int]) -> Energy:

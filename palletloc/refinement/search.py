@@ -6,15 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palletloc.cameras.protocol import CameraModel
-from palletloc.geometry import FloatArray, Image, LevelPose, wrap_angle
+from palletloc.cameras.protocol import Projection
+from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 from palletloc.measurement import HeightPrior, Reason
-from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
-from palletloc.plane import FACE_IN_PALLET
-from palletloc.projection import Projector
 from palletloc.refinement.hypotheses import HypothesisGrid, HypothesisScores, SearchConfig, score_hypotheses
-from palletloc.refinement.patch import MIN_DISTANCE, FacePatch, view_patch
+from palletloc.refinement.patch import FacePatch, view_patch
+from palletloc.shot import MIN_DISTANCE, Shot
 
 TOLERANCE = 2.4
 """How far an edge may lie from its place to be found, in pixels of the patch."""
@@ -22,6 +20,8 @@ FINEST, COARSEST = 0.004, 0.012
 """Least and greatest metres per pixel of the patch."""
 MARGIN = 0.04
 """What the patch shows beyond the outermost hypothesis, in metres."""
+PROBE = 1e-3
+"""Length on the face by whose image the size of a pixel is found, in metres."""
 LARGEST = 120_000
 """Most pixels of a patch; a larger one is viewed more coarsely."""
 
@@ -42,14 +42,12 @@ class Search:
         """Where to measure, the best first, each with the view that shows it best."""
         if not self.finer:
             return [(peak.pose, self.patch) for peak in self.found.peaks]
-        peaks = [(peak, one.patch) for one in self.finer for peak in one.found.peaks]
+        peaks = [(peak, search.patch) for search in self.finer for peak in search.found.peaks]
         return [(peak.pose, patch) for peak, patch in sorted(peaks, key=lambda pair: -pair[0].score)]
 
 
 def search(
-    projector: Projector,
-    image: Image,
-    mounting: Mounting,
+    shot: Shot,
     start: LevelPose,
     model: PalletModel,
     height: HeightPrior | None,
@@ -60,12 +58,8 @@ def search(
 
     Parameters
     ----------
-    projector : Projector
-        Of the camera that took the image.
-    image : Image
+    shot : Shot
         The shot.
-    mounting : Mounting
-        Of the camera.
     start : LevelPose
         ``forklift_from_pallet``.
     model : PalletModel
@@ -83,12 +77,14 @@ def search(
         `Reason.NO_PEAK` where nothing matches, `Reason.BEHIND_FACE` or `Reason.OUT_OF_VIEW` where nothing can.
     """
     base = start if height is None else replace(start, z=height.z)
-    plane = _plane(mounting, base)
+    plane = shot.camera_in(base)
     if plane[2] < MIN_DISTANCE:
         return Reason.BEHIND_FACE
-    finest = _resolution(projector.camera, mounting, base, model)
-    if finest is None:
+    middle = np.array([base.x, base.y, base.z + model.height / 2])
+    seen = shot.project(middle + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, PROBE]]))
+    if not seen.valid.all():
         return Reason.OUT_OF_VIEW
+    finest = _resolution(seen)
     resolution, turns = finest, _turns(base.yaw, yaws, config)
     while True:
         grid = _grid(plane, model, height is None, resolution, config, turns)
@@ -97,7 +93,7 @@ def search(
         if area <= LARGEST:
             break
         resolution *= float(np.sqrt(area / LARGEST)) * 1.01
-    patch = view_patch(projector, image, mounting.to_camera, base, extent, resolution)
+    patch = view_patch(shot, base, extent, resolution)
     if isinstance(patch, Reason):
         return patch
     found = score_hypotheses(patch, model, grid, config)
@@ -106,8 +102,8 @@ def search(
     if resolution == finest:
         return Search(patch, found)
     closer = _closer(grid, plane, config)
-    around = [search(projector, image, mounting, peak.pose, model, height, closer, yaws) for peak in found.peaks]
-    return Search(patch, found, tuple(one for one in around if not isinstance(one, Reason)))
+    around = [search(shot, peak.pose, model, height, closer, yaws) for peak in found.peaks]
+    return Search(patch, found, tuple(each for each in around if not isinstance(each, Reason)))
 
 
 def _closer(grid: HypothesisGrid, plane: FloatArray, config: SearchConfig) -> SearchConfig:
@@ -127,22 +123,10 @@ def _closer(grid: HypothesisGrid, plane: FloatArray, config: SearchConfig) -> Se
     )
 
 
-def _plane(mounting: Mounting, base: LevelPose) -> FloatArray:
-    """Return the camera's centre in the coordinates of the face's plane."""
-    matrix = base.matrix() @ FACE_IN_PALLET
-    return np.asarray(matrix[:3, :3].T @ (mounting.center - matrix[:3, 3]))
-
-
-def _resolution(camera: CameraModel, mounting: Mounting, base: LevelPose, model: PalletModel) -> float | None:
-    """Return the size of a pixel of the image across the face's level lines, within bounds; None where unseen."""
-    step = 1e-3
-    middle = np.array([base.x, base.y, base.z + model.height / 2])
-    matrix = mounting.camera_from_forklift
-    seen = camera.project(np.array([middle, [base.x, base.y, middle[2] + step]]) @ matrix[:3, :3].T + matrix[:3, 3])
-    if not seen.valid.all():
-        return None
+def _resolution(seen: Projection) -> float:
+    """Return the size of a pixel of the image across the face's level lines, within bounds."""
     moved = float(np.hypot(*(seen.pixels[1] - seen.pixels[0])))
-    return float(np.clip(step / max(moved, 1e-9), FINEST, COARSEST))
+    return float(np.clip(PROBE / max(moved, 1e-9), FINEST, COARSEST))
 
 
 def _grid(

@@ -8,14 +8,13 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
-from palletloc.candidate import ShotView
 from palletloc.drawing.stages import Picture, stage_pictures
 from palletloc.explained import name_candidates
-from palletloc.geometry import Image
 from palletloc.io.atomic import write_bytes, write_text
 from palletloc.io.explanation import explanation_document
+from palletloc.io.recording import ShotError
 from palletloc.localizer import Explanation
-from palletloc.offline import Job, ShotError, shelf_at
+from palletloc.recording_run import Job
 
 NUMBERS = "explain.json"
 """Name of the file with the numbers."""
@@ -24,7 +23,7 @@ _OURS = re.compile(r"(1-shelf|(2-yaw|3-position|3-search|4-face)-[PC]\d+|5-overl
 
 
 def write_explanation(
-    job: Job, image: Image, explanation: Explanation, folder: Path, *, with_refused: bool = False
+    job: Job, explanation: Explanation, folder: Path, *, with_refused: bool = False
 ) -> tuple[Picture, ...]:
     """Write the pictures and the numbers of a shot.
 
@@ -32,10 +31,8 @@ def write_explanation(
     ----------
     job : Job
         The recording and its localizer.
-    image : (height, width, 3) array
-        The shot.
     explanation : Explanation
-        What was found in it.
+        What was found in a shot.
     folder : Path
         Made if missing. Pictures that an earlier call left there are replaced or removed.
     with_refused : bool
@@ -51,13 +48,11 @@ def write_explanation(
     OutputError
         If a file cannot be written.
     """
-    localizer, mounting = job.localizer, job.localizer.mounting
-    shot = ShotView(image, localizer.projector, mounting, mounting.forklift_from_camera.inv())
-    shelf = None
+    shelf, localizer = None, job.localizer
     with suppress(ShotError):  # with given starts, a shot can do without odometry
-        shelf = shelf_at(job.recording, explanation.time, localizer.config.prior)
+        shelf = job.recording.shelf_at(explanation.shot.time, localizer.config.prior)
     pictures = []
-    for picture in stage_pictures(explanation, shot, shelf, with_refused=with_refused):
+    for picture in stage_pictures(explanation, shelf, with_refused=with_refused):
         write_bytes(folder / picture.file, picture.content)
         pictures.append(picture)
     document = explanation_document(explanation, name_candidates(explanation), str(localizer.method))

@@ -10,17 +10,16 @@ from pathlib import Path
 
 import numpy as np
 
-from palletloc.candidate import Candidate, ShotView
-from palletloc.config import Method
+from palletloc.candidate import Fit, Refusal
+from palletloc.choices import Method
 from palletloc.drawing.canvas import as_jpeg
 from palletloc.drawing.stages import Picture, shelf_pictures, step_pictures
 from palletloc.evaluation.pose_error import PalletEstimate
 from palletloc.explained import Named, name_candidates
-from palletloc.geometry import Image
-from palletloc.io.recording import Recording, Shot
+from palletloc.io.recording import Recording, ShotError, ShotFile
 from palletloc.io.run_folder import STATUS
 from palletloc.localizer import Explanation, Localizer, Start
-from palletloc.offline import Job, ShotError
+from palletloc.recording_run import Job
 
 _SAME = 1e-3
 """Largest difference of a pose that counts as the same, in metres and radians."""
@@ -46,10 +45,10 @@ def run_method(folder: Path) -> Method | None:
 def stage_job(recording: Recording, folder: Path) -> Job:
     """Return a job that works as a run did, as far as its folder tells: with its method, and default parameters."""
     method = run_method(folder) or Method.REFINED
-    return Job(recording, Localizer(recording.camera, recording.mounting, recording.models, method))
+    return Job(recording, Localizer(recording.models, method))
 
 
-def shot_stages(job: Job, shot: Shot, estimate: PalletEstimate) -> ShotStages:
+def shot_stages(job: Job, entry: ShotFile, estimate: PalletEstimate) -> ShotStages:
     """Draw the stages that lead to a pose.
 
     The shot is localized again. Where that does not give the pose, because the run had other parameters or its
@@ -59,7 +58,7 @@ def shot_stages(job: Job, shot: Shot, estimate: PalletEstimate) -> ShotStages:
     ----------
     job : Job
         The recording with the localizer.
-    shot : Shot
+    entry : ShotFile
         The shot.
     estimate : PalletEstimate
         The pose.
@@ -76,34 +75,28 @@ def shot_stages(job: Job, shot: Shot, estimate: PalletEstimate) -> ShotStages:
     """
     method = job.localizer.method
     with suppress(ShotError):
-        image, explanation = job.explain(job.recording.shots.index(shot))
+        explanation = job.explain(job.recording.shots.index(entry))
         named = name_candidates(explanation)
-        for name, candidate in named:
-            if _is_same(candidate, estimate):
+        for name, outcome in named:
+            if _is_same(outcome, estimate):
                 told = f"The stages of the method {method} on the way to {name}."
-                return ShotStages(told, tuple(_pictures(job, image, explanation, named, (name, candidate))))
-    image, start = job.recording.image(shot), Start(estimate.model, estimate.forklift_from_pallet)
-    explanation = job.localizer.explain_from(image, shot.time, [start], job.recording.shelf.levels, shot.file)
+                return ShotStages(told, tuple(_pictures(explanation, named, (name, outcome))))
+    start = Start(estimate.model, estimate.forklift_from_pallet)
+    explanation = job.localizer.explain_from(job.recording.shot(entry), [start], job.recording.shelf.levels)
     named = name_candidates(explanation)
     told = (
         f"The method {method} with its default parameters does not give this pose by itself; these are its stages"
         " when it starts there."
     )
-    return ShotStages(told, tuple(_pictures(job, image, explanation, named, named[0])))
+    return ShotStages(told, tuple(_pictures(explanation, named, named[0])))
 
 
-def _is_same(candidate: Candidate, estimate: PalletEstimate) -> bool:
-    if candidate.pose is None or candidate.refusal is not None or candidate.model.name != estimate.model:
+def _is_same(outcome: Fit | Refusal, estimate: PalletEstimate) -> bool:
+    if isinstance(outcome, Refusal) or outcome.candidate.model.name != estimate.model:
         return False
-    off = candidate.pose.as_array() - estimate.forklift_from_pallet.as_array()
-    off[3] = (off[3] + np.pi) % (2 * np.pi) - np.pi
-    return bool((np.abs(off) < _SAME).all())
+    return bool((np.abs(outcome.pose.minus(estimate.forklift_from_pallet)) < _SAME).all())
 
 
-def _pictures(
-    job: Job, image: Image, explanation: Explanation, named: Named, shown: tuple[str, Candidate]
-) -> Iterator[Picture]:
-    mounting = job.localizer.mounting
-    shot = ShotView(image, job.localizer.projector, mounting, mounting.forklift_from_camera.inv())
-    for picture in (*shelf_pictures(explanation, named), *step_pictures([shown], shot)):
+def _pictures(explanation: Explanation, named: Named, shown: tuple[str, Fit | Refusal]) -> Iterator[Picture]:
+    for picture in (*shelf_pictures(explanation, named), *step_pictures([shown], explanation.shot)):
         yield Picture(picture.stage, picture.caption, ".jpg", as_jpeg(picture.content))

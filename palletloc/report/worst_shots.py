@@ -15,8 +15,8 @@ from palletloc.evaluation.pose_error import PoseError
 from palletloc.evaluation.requirement import Requirement
 from palletloc.evaluation.run import SHOTS_SOURCE, EvaluatedRun
 from palletloc.geometry import Image
-from palletloc.io.recording import Recording, Shot
-from palletloc.offline import Job
+from palletloc.io.recording import Recording, ShotFile
+from palletloc.recording_run import Job
 from palletloc.report.shot_stages import ShotStages, shot_stages, stage_job
 
 WORST = 4
@@ -87,7 +87,7 @@ def _share(error: PoseError, requirement: Requirement) -> float:
     return float((np.abs(error.offset) / requirement.limits).max())
 
 
-def _drawn(worst: WorstShot, shot: Shot, job: Job) -> WorstShot:
+def _drawn(worst: WorstShot, shot: ShotFile, job: Job) -> WorstShot:
     """Return a shot with its pictures, or with why there is none."""
     try:
         picture = _picture(worst.error, job.recording.image(shot), job.recording)

@@ -8,26 +8,12 @@ travel.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from enum import StrEnum
 
 import numpy as np
 
+from palletloc.choices import Side
 from palletloc.geometry import LevelPose, level_pose
 from palletloc.synthetic.scene import Box, Decal, Material
-
-
-class Side(StrEnum):
-    """On which side of the forklift the shelf is."""
-
-    LEFT = "left"
-    """To the left of the direction of travel."""
-    RIGHT = "right"
-    """To the right."""
-
-    @property
-    def other(self) -> Side:
-        """The side across the aisle."""
-        return Side.RIGHT if self is Side.LEFT else Side.LEFT
 
 
 @dataclass(frozen=True, slots=True)

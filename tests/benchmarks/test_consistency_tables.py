@@ -9,7 +9,7 @@ from benchmarks.consistency_tables import FACTORS, class_table, factor_table
 from benchmarks.scenes import draw_scene
 from benchmarks.tables import Section, Value
 from benchmarks.views import HeightClass, ShotViews, View
-from palletloc.config import Method
+from palletloc.choices import Method
 from palletloc.evaluation.pose_error import PalletEstimate, PoseError, TrueFace
 from palletloc.geometry import LevelPose
 

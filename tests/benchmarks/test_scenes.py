@@ -8,9 +8,7 @@ import pytest
 
 from benchmarks.scenes import FULL_WIDTH, draw_scene
 from benchmarks.views import HeightClass, height_class
-from palletloc.synthetic.illumination import Illumination
-from palletloc.synthetic.placing import Side
-from palletloc.synthetic.rig import CameraKind
+from palletloc.choices import CameraKind, Illumination, Side
 from palletloc.synthetic.simulation import simulate
 
 SCENES = [draw_scene(seed) for seed in range(300)]

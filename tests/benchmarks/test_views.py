@@ -9,11 +9,11 @@ import pytest
 from benchmarks.scenes import draw_scene
 from benchmarks.views import MOST_HIDDEN, Exposure, HeightClass, ShotViews, expose, height_class, look, recorded
 from palletloc.candidate import Candidate
+from palletloc.choices import CameraKind
 from palletloc.geometry import Image, LevelPose
 from palletloc.localizer import Explanation, Localizer
 from palletloc.measurement import Reason, Stage
 from palletloc.shelf import ShelfPlane
-from palletloc.synthetic.rig import CameraKind
 from palletloc.synthetic.simulation import simulate
 
 COVARIANCE = np.diag([0.01, 0.01, 0.01, 0.01]) ** 2

@@ -11,7 +11,8 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from palletloc.cameras import CameraModel, Equirectangular, Pinhole
 from palletloc.candidate import ShotView
-from palletloc.config import LocalizerConfig, Method
+from palletloc.choices import Method
+from palletloc.config import LocalizerConfig
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.localizer import Localizer
 from palletloc.mounting import Mounting
@@ -22,10 +23,9 @@ from palletloc.synthetic.materials import CARTONS, CEILING, CONCRETES, PAINTS, P
 from palletloc.synthetic.pallet_solid import PalletBody
 from palletloc.synthetic.placing import standing
 from palletloc.synthetic.rays import CameraRays, camera_rays
-from palletloc.synthetic.rendering import render
+from palletloc.synthetic.rendering import lit, render
+from palletloc.synthetic.rig import Sensor, expose
 from palletloc.synthetic.scene import Light, Room, Scene, Solid
-from palletloc.synthetic.sensor import Sensor, expose
-from palletloc.synthetic.shading import lit
 
 RECORDING = """\
 format: 1
@@ -86,6 +86,13 @@ def open_below() -> PalletModel:
     """Return a face whose openings reach the floor."""
     openings = tuple(Opening(center, 0.0, 0.2275, 0.1) for center in (-0.18625, 0.18625))
     return PalletModel("open", 0.8, 0.144, 1.2, openings, edge_radius=0.003)
+
+
+@pytest.fixture(params=["epal", "t11", "open_below"])
+def model(request: pytest.FixtureRequest) -> PalletModel:
+    """Return each of the three in turn: closed below, rounded, and open below."""
+    found: PalletModel = request.getfixturevalue(request.param)
+    return found
 
 
 @pytest.fixture(scope="session")

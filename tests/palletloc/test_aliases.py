@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from palletloc.aliases import ask_beside
+from palletloc.refined import measure_refined
+
 from palletloc.candidate import Candidate, ShotView
 from palletloc.config import LocalizerConfig
 from palletloc.geometry import LevelPose
 from palletloc.measurement import HeightPrior, Reason, Stage
 from palletloc.pallet import PalletModel
-from palletloc.refined import measure_refined
 from palletloc.verification import Signs, Verification
 
 POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)

@@ -6,13 +6,13 @@ from typing import cast
 
 import numpy as np
 import pytest
-
 from palletloc.attempts import keep_best
+from palletloc.horizontal_view import HorizontalView
+
 from palletloc.cameras import Pinhole
 from palletloc.candidate import Candidate, ShotView
 from palletloc.config import LocalizerConfig
 from palletloc.geometry import LevelPose
-from palletloc.horizontal_view import HorizontalView
 from palletloc.measurement import HeightPrior, Reason, Stage
 from palletloc.pallet import PalletModel
 from palletloc.refinement.patch import FacePatch, view_patch

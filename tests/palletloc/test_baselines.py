@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from palletloc.horizontal_view import BoundaryMethod
+from palletloc.joint_search import JointSearchConfig
 
 from palletloc.baselines import measure_as_in_paper, measure_jointly
 from palletloc.candidate import Candidate, ShotView
 from palletloc.config import LocalizerConfig
 from palletloc.geometry import LevelPose
-from palletloc.horizontal_view import BoundaryMethod
-from palletloc.joint_search import JointSearchConfig
 from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
 from palletloc.pallet import PalletModel
 

@@ -2,9 +2,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from palletloc.boundary import BoundaryLine, boundary_lines
 from scipy.spatial.transform import RigidTransform
 
-from palletloc.boundary import BoundaryLine, boundary_lines
 from palletloc.geometry import BoolArray, FloatArray
 from palletloc.plane import PlaneGrid, PlaneView
 

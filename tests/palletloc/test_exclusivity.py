@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from palletloc.exclusivity import challenge, exclude_overlaps
+from palletloc.refined import measure_refined
 
 from palletloc.candidate import Candidate, ShotView
 from palletloc.config import LocalizerConfig
-from palletloc.exclusivity import challenge, exclude_overlaps
 from palletloc.geometry import LevelPose
 from palletloc.localizer import Localizer, Start
 from palletloc.measurement import HeightPrior, Reason, Stage
 from palletloc.pallet import PalletModel
-from palletloc.refined import measure_refined
 from palletloc.verification import (
     SCORE,
     USUAL_CONTRAST,

@@ -4,9 +4,9 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from palletloc.exposure import BRIGHT, MOST_GAIN, brightened, points_about, shelf_points
 
 from palletloc.candidate import ShotView
-from palletloc.exposure import BRIGHT, MOST_GAIN, brightened, points_about, shelf_points
 from palletloc.geometry import Image, LevelPose, wrap_angle
 from palletloc.localizer import Localizer
 from palletloc.pallet import PalletModel

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -10,8 +11,6 @@ from palletloc.face import EdgeKind, FaceEdge, edge_shift, face_edges, face_line
 from palletloc.pallet import PalletModel
 from palletloc.pallet_library import load_library
 
-LIBRARY = load_library()
-models = pytest.mark.parametrize("model", LIBRARY.values(), ids=LIBRARY)
 NEAR = 1e-4
 
 
@@ -27,7 +26,6 @@ def sharp(model: PalletModel) -> PalletModel:
     return replace(model, openings=openings, corner_radius=0.0, edge_radius=0.0)
 
 
-@models
 def test_an_edge_parts_the_solid_from_what_is_outward_of_it(model: PalletModel) -> None:
     for edge in face_edges(model):
         start, end, outward = (np.array(v) for v in (edge.start, edge.end, edge.outward))
@@ -38,7 +36,6 @@ def test_an_edge_parts_the_solid_from_what_is_outward_of_it(model: PalletModel) 
             assert not is_solid(model, *(point + NEAR * outward))
 
 
-@models
 def test_the_edges_of_a_sharp_face_are_its_whole_outline(model: PalletModel) -> None:
     face = sharp(model)
     holes = sum(2 * o.height + o.width * (1 if o.open_below else 2) for o in face.openings)
@@ -47,7 +44,6 @@ def test_the_edges_of_a_sharp_face_are_its_whole_outline(model: PalletModel) -> 
     assert sum(edge.length for edge in face_edges(face)) == pytest.approx(outline + holes)
 
 
-@models
 def test_rounded_corners_are_left_out(model: PalletModel) -> None:
     radii = 4 * model.corner_radius * 2
     radii += sum(o.radius * (4 if o.open_below else 8) for o in model.openings)
@@ -55,7 +51,6 @@ def test_rounded_corners_are_left_out(model: PalletModel) -> None:
     assert lost == pytest.approx(radii, abs=1e-9)
 
 
-@models
 def test_the_mirrored_face_has_the_mirrored_edges(model: PalletModel) -> None:
     openings = tuple(replace(o, center=-o.center) for o in reversed(model.openings))
     mirrored = {
@@ -65,7 +60,6 @@ def test_the_mirrored_face_has_the_mirrored_edges(model: PalletModel) -> None:
     assert mirrored == {(edge.kind, *np.round([*edge.middle, edge.length], 9).tolist()) for edge in face_edges(model)}
 
 
-@models
 def test_lines_are_all_the_edges_and_level_ones_at_one_height_are_one_line(model: PalletModel) -> None:
     lines = face_lines(model)
     assert Counter(edge for line in lines for edge in line.edges) == Counter(face_edges(model))
@@ -79,6 +73,21 @@ def test_lines_are_all_the_edges_and_level_ones_at_one_height_are_one_line(model
         assert line.whole.end == line.edges[-1].end
         if not line.whole.horizontal:
             assert len(line.edges) == 1
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        test_an_edge_parts_the_solid_from_what_is_outward_of_it,
+        test_the_edges_of_a_sharp_face_are_its_whole_outline,
+        test_rounded_corners_are_left_out,
+        test_the_mirrored_face_has_the_mirrored_edges,
+        test_lines_are_all_the_edges_and_level_ones_at_one_height_are_one_line,
+    ],
+)
+def test_it_holds_for_every_pallet_of_the_library(law: Callable[[PalletModel], None]) -> None:
+    for each in load_library().values():
+        law(each)
 
 
 def test_a_face_open_below_stands_on_feet(open_below: PalletModel) -> None:

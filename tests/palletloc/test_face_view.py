@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from palletloc.face_view import view_face, visible_lines
 
 from palletloc.candidate import ShotView
 from palletloc.face import EdgeKind, face_lines
-from palletloc.face_view import view_face, visible_lines
 from palletloc.geometry import LevelPose
 from palletloc.measurement import Reason
 from palletloc.pallet import PalletModel

@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from palletloc.horizontal_view import HorizontalView, YawConfig, horizontal_source, line_up, view_horizontal
 
 from palletloc.candidate import ShotView
 from palletloc.geometry import LevelPose
-from palletloc.horizontal_view import HorizontalView, YawConfig, horizontal_source, line_up, view_horizontal
 from palletloc.measurement import YawSource
 from palletloc.pallet import PalletModel
 

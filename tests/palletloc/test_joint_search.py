@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from palletloc.joint_search import JointSearch, JointSearchConfig, search_jointly
 
 from palletloc.candidate import ShotView
 from palletloc.geometry import LevelPose
-from palletloc.joint_search import JointSearch, JointSearchConfig, search_jointly
 from palletloc.measurement import Reason
 from palletloc.pallet import PalletModel
 

@@ -5,15 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from palletloc.attempts import keep_best
+from palletloc.level_check import LevelCheck, check_level, range_doubt
+from palletloc.refinement.alignment import fit_face
+
 from palletloc.candidate import Candidate, ShotView
 from palletloc.config import LocalizerConfig
 from palletloc.geometry import LevelPose
-from palletloc.level_check import LevelCheck, check_level, range_doubt
 from palletloc.measurement import HeightPrior, Reason
 from palletloc.pallet import PalletModel
-from palletloc.refinement.alignment import fit_face
 from palletloc.refinement.patch import FacePatch, view_patch
 
 POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)

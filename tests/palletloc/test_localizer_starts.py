@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from palletloc.joint_search import JointSearchConfig
 
 from palletloc.candidate import ShotView
-from palletloc.config import LocalizerConfig, Method
+from palletloc.choices import Method
+from palletloc.config import LocalizerConfig
 from palletloc.geometry import FloatArray, LevelPose, level_pose, wrap_angle
-from palletloc.joint_search import JointSearchConfig
 from palletloc.localizer import Localizer, Start
 from palletloc.measurement import Reason, Stage, YawSource
 from palletloc.pallet import PalletModel

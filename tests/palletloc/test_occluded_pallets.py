@@ -8,13 +8,6 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-
-from palletloc.candidate import Candidate, ShotView
-from palletloc.config import LocalizerConfig
-from palletloc.face import FaceEdge, face_lines
-from palletloc.geometry import FloatArray, LevelPose, wrap_angle
-from palletloc.measurement import HeightPrior, Reason
-from palletloc.pallet import PalletModel
 from palletloc.refined import measure_refined
 from palletloc.refinement.alignment import (
     EDGES_PER_NAT,
@@ -24,6 +17,13 @@ from palletloc.refinement.alignment import (
     YawPrior,
     fit_face,
 )
+
+from palletloc.candidate import Candidate, ShotView
+from palletloc.config import LocalizerConfig
+from palletloc.face import FaceEdge, face_lines
+from palletloc.geometry import FloatArray, LevelPose, wrap_angle
+from palletloc.measurement import HeightPrior, Reason
+from palletloc.pallet import PalletModel
 
 POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
 FLOOR = HeightPrior(0.0, 0.003)
@@ -105,13 +105,6 @@ def assert_right_or_refused(found: Candidate, metres: float = np.inf) -> None:
         wrong = error(found.pose)
         assert (np.abs(wrong) < 4 * np.sqrt(np.diag(found.covariance))).all()
         assert np.abs(wrong[:3]).max() < metres
-
-
-@pytest.fixture(params=["epal", "t11", "open_below"])
-def model(request: pytest.FixtureRequest) -> PalletModel:
-    """Return each of the models in turn."""
-    found: PalletModel = request.getfixturevalue(request.param)
-    return found
 
 
 def test_nothing_hides_a_free_face(model: PalletModel, portrait: Portrait) -> None:

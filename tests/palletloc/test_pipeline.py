@@ -5,15 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from palletloc.boundary import BoundaryLine
+from palletloc.pipeline import horizontal_plane_for, measure_on_planes, nearest_line
+
 from palletloc.cameras import CameraModel
 from palletloc.candidate import Candidate, ShotView
 from palletloc.config import LocalizerConfig
 from palletloc.geometry import LevelPose
 from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
 from palletloc.pallet import PalletModel
-from palletloc.pipeline import horizontal_plane_for, measure_on_planes, nearest_line
 
 POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
 FLOOR = HeightPrior(0.0, 0.003)

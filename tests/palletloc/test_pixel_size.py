@@ -6,8 +6,8 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from palletloc.cameras import CameraModel, Equirectangular, KannalaBrandt, Pinhole
 from palletloc.geometry import FloatArray
-from palletloc.pixel_size import pixel_sizes
 from palletloc.plane import PALLET_FROM_HORIZONTAL, PALLET_FROM_VERTICAL
+from palletloc.projection import pixel_sizes
 
 CAMERAS: dict[str, CameraModel] = {
     "equirectangular": Equirectangular(1920, 960),

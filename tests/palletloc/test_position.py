@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from palletloc.position import PositionConfig, Sweep, sweep
 
 from palletloc.candidate import ShotView
 from palletloc.geometry import LevelPose
 from palletloc.measurement import HeightPrior, Reason
 from palletloc.pallet import PalletModel
-from palletloc.position import PositionConfig, Sweep, sweep
 
 POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
 FLOOR = HeightPrior(0.0, 0.003)

@@ -5,9 +5,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import pytest
-
 import palletloc.refined
+import pytest
+from palletloc.refined import measure_refined
+
 from palletloc.cameras import CameraModel
 from palletloc.candidate import Candidate, ShotView
 from palletloc.config import LocalizerConfig
@@ -15,7 +16,6 @@ from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
 from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
-from palletloc.refined import measure_refined
 from palletloc.refinement.search import Search, search
 from palletloc.verification import of_use
 

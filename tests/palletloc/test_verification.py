@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from palletloc.refinement.alignment import FaceEstimate, FaceFitConfig, YawPrior, fit_face
+from palletloc.refinement.appearance import opening_contrasts
 from scipy.spatial.transform import RigidTransform
 
 from palletloc.candidate import ShotView
 from palletloc.geometry import FloatArray, LevelPose, level_pose
 from palletloc.measurement import HeightPrior, Reason
 from palletloc.pallet import Opening, PalletModel
-from palletloc.refinement.alignment import FaceEstimate, FaceFitConfig, YawPrior, fit_face
-from palletloc.refinement.appearance import opening_contrasts
 from palletloc.refinement.hypotheses import score_pose
 from palletloc.refinement.patch import FacePatch, view_patch
 from palletloc.verification import Signs, Verification, VerificationConfig, of_use, overlapping, verify

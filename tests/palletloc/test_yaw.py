@@ -5,14 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from palletloc.boundary import BoundaryLine
+from palletloc.horizontal_view import BoundaryMethod, HorizontalView, YawConfig, view_horizontal
+from palletloc.yaw import YawEstimate, find_lines, measure_line, measure_yaw
+
 from palletloc.candidate import ShotView
 from palletloc.geometry import LevelPose
-from palletloc.horizontal_view import BoundaryMethod, HorizontalView, YawConfig, view_horizontal
 from palletloc.measurement import Reason, YawSource
 from palletloc.pallet import PalletModel
-from palletloc.yaw import YawEstimate, find_lines, measure_line, measure_yaw
 
 POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
 HIGH = replace(POSE, z=3.3)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from palletloc.offline import read_job
 from scipy.spatial.transform import RigidTransform
 
 from palletloc.cameras import Equirectangular
@@ -18,7 +19,6 @@ from palletloc.io.recording import Recording, Shot
 from palletloc.io.tracks import TrackRow, read_tracks
 from palletloc.io.truth import read_truth
 from palletloc.measurement import PalletMeasurement, YawSource
-from palletloc.offline import read_job
 from palletloc.pallet import Opening, PalletModel
 from palletloc.shelf import ShelfPlane
 from palletloc.track_status import Status

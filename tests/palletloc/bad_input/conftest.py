@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from palletloc.candidate import ShotView
-from palletloc.config import Method
+from palletloc.choices import CameraKind, Method
 from palletloc.geometry import LevelPose, wrap_angle
 from palletloc.localizer import METHODS, Explanation, Localizer
 from palletloc.measurement import PalletMeasurement
 from palletloc.pallet import PalletModel
 from palletloc.shelf import ShelfPlane
-from palletloc.synthetic.rig import CameraKind, camera_of
+from palletloc.synthetic.rig import camera_of
 
 Placed = tuple[PalletModel, LevelPose]
 Scene = tuple[ShotView, tuple[Placed, ...], ShelfPlane]

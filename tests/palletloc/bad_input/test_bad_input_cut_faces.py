@@ -12,12 +12,13 @@ from hypothesis import strategies as st
 
 from palletloc.cameras import CameraModel, KannalaBrandt, Pinhole
 from palletloc.candidate import ShotView
+from palletloc.choices import CameraKind
 from palletloc.geometry import FloatArray, Image, LevelPose
 from palletloc.localizer import Localizer, Start
 from palletloc.pallet import PalletModel
 from palletloc.projection import Projector
 from palletloc.shelf import ShelfPlane
-from palletloc.synthetic.rig import CameraKind, camera_of
+from palletloc.synthetic.rig import camera_of
 
 Placed = tuple[PalletModel, LevelPose]
 Scene = tuple[ShotView, tuple[Placed, ...], ShelfPlane]
@@ -25,8 +26,9 @@ Scenes = Callable[[str], Scene]
 Photograph = Callable[..., ShotView]
 Check = Callable[..., int]
 
-FEW = settings(max_examples=5, deadline=None, derandomize=True, phases=[Phase.generate])
-MANY = settings(max_examples=20, deadline=None, phases=[Phase.generate])
+EXAMPLES = settings().max_examples
+FEW = settings(max_examples=EXAMPLES * 5 // 100, phases=[Phase.generate])
+MANY = settings(max_examples=EXAMPLES * 20 // 100, phases=[Phase.generate])
 heights = pytest.mark.parametrize("known", [True, False], ids=["level", "free"])
 SEAM = LevelPose(0.3, -0.08, 1.85, 0.0)
 """Where a camera of two lenses stands."""

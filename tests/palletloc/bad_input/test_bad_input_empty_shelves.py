@@ -11,6 +11,7 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from palletloc.candidate import ShotView
+from palletloc.choices import CameraKind, Illumination, Side
 from palletloc.geometry import LevelPose
 from palletloc.localizer import Localizer, Start
 from palletloc.mounting import Mounting
@@ -18,15 +19,12 @@ from palletloc.pallet import PalletModel
 from palletloc.projection import Projector
 from palletloc.shelf import ShelfPlane
 from palletloc.synthetic.aisle import AisleSpec, draw_aisle
-from palletloc.synthetic.illumination import Illumination
 from palletloc.synthetic.loads import stack
-from palletloc.synthetic.placing import ShelfFrame, Side
+from palletloc.synthetic.placing import ShelfFrame
 from palletloc.synthetic.rays import CameraRays, camera_rays
-from palletloc.synthetic.rendering import render
-from palletloc.synthetic.rig import CameraKind, camera_of, draw_mounting
+from palletloc.synthetic.rendering import lit, render
+from palletloc.synthetic.rig import Sensor, camera_of, draw_mounting, expose
 from palletloc.synthetic.scene import Solid
-from palletloc.synthetic.sensor import Sensor, expose
-from palletloc.synthetic.shading import lit
 
 Models = tuple[PalletModel, ...]
 Empty = tuple[ShotView, ShelfPlane, ShelfFrame]
@@ -34,7 +32,8 @@ Empties = Callable[[int], Empty]
 Faults = Callable[..., list[str]]
 Makes = Callable[..., Localizer]
 
-FEW = settings(max_examples=6, deadline=None, derandomize=True, phases=[Phase.generate])
+EXAMPLES = settings().max_examples
+FEW = settings(max_examples=EXAMPLES * 6 // 100, phases=[Phase.generate])
 LEVELS = (0.0, 1.4)
 CAMERAS = ((CameraKind.PINHOLE, 640), (CameraKind.KANNALA_BRANDT, 800), (CameraKind.EQUIRECTANGULAR, 1280))
 BEGIN, END = -0.5, 3.5

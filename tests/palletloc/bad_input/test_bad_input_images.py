@@ -12,6 +12,7 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from palletloc.candidate import ShotView
+from palletloc.choices import Method
 from palletloc.geometry import Image, LevelPose
 from palletloc.localizer import Explanation, Localizer, Start
 from palletloc.pallet import PalletModel
@@ -24,25 +25,11 @@ Faults = Callable[..., list[str]]
 Makes = Callable[..., Localizer]
 Check = Callable[..., None]
 
-FEW = settings(max_examples=4, deadline=None, derandomize=True, phases=[Phase.generate])
-MANY = settings(max_examples=16, deadline=None, phases=[Phase.generate])
+EXAMPLES = settings().max_examples
+FEW = settings(max_examples=EXAMPLES * 4 // 100, phases=[Phase.generate])
+MANY = settings(max_examples=EXAMPLES * 16 // 100, phases=[Phase.generate])
 heights = pytest.mark.parametrize("known", [True, False], ids=["level", "free"])
-AT_ANY_HEIGHT = pytest.param(
-    False,
-    marks=pytest.mark.xfail(
-        strict=False,
-        reason="without a level, one in thirty images of square blocks as high as a face shows what looks like one",
-    ),
-)
-CUT_BY_BAND = pytest.param(
-    False,
-    marks=pytest.mark.xfail(
-        strict=False,
-        reason="without a level, a band that ends beside a pallet stands in for its side in one of a hundred",
-    ),
-)
-band_heights = pytest.mark.parametrize("known", [True, CUT_BY_BAND], ids=["level", "free"])
-noise_heights = pytest.mark.parametrize("known", [True, AT_ANY_HEIGHT], ids=["level", "free"])
+refined = pytest.mark.parametrize("method", [Method.REFINED], ids=str, indirect=True)
 
 names = st.sampled_from(["floor", "rack", "fisheye", "pinhole"])
 seeds = st.integers(0, 2**32 - 1)
@@ -156,7 +143,7 @@ def test_noise_gives_no_row(empty: Check, name: str, grain: float, blocks: bool,
 
 
 @pytest.mark.slow
-@noise_heights
+@heights
 @MANY
 @given(name=names, grain=grains, blocks=st.booleans(), seed=seeds)
 def test_much_noise_gives_no_row(empty: Check, known: bool, name: str, grain: float, blocks: bool, seed: int) -> None:
@@ -177,6 +164,14 @@ def test_no_light_gives_a_wrong_row(spoiled: Check, known: bool, name: str, stop
     spoiled(name, lambda image: exposed(image, stops), known)
 
 
+@refined
+@pytest.mark.xfail(
+    raises=AssertionError, reason="a pallet in glaring light: a confident row 90 mm off, at 7.5 sigmas"
+)
+def test_glaring_light_gives_no_wrong_row(spoiled: Check) -> None:
+    spoiled("rack", lambda image: exposed(image, 4.37), known=False)
+
+
 @FEW
 @given(name=names, fill=st.sampled_from([255, 255, 0, 128]), begin=parts, upright=st.booleans())
 def test_half_an_image_that_is_lost_gives_no_wrong_row(
@@ -186,13 +181,20 @@ def test_half_an_image_that_is_lost_gives_no_wrong_row(
 
 
 @pytest.mark.slow
-@band_heights
+@heights
 @MANY
 @given(name=names, fill=grays, begin=parts, share=st.floats(0.02, 0.9), upright=st.booleans())
 def test_no_lost_band_of_an_image_gives_a_wrong_row(
     spoiled: Check, name: str, fill: int, begin: float, share: float, upright: bool, known: bool
 ) -> None:
     spoiled(name, lambda image: washed_out(image, fill, begin, share, upright), known)
+
+
+@pytest.mark.xfail(
+    raises=AssertionError, reason="a band's end stands in for a side: a confident row 72 mm off, at 27 sigmas"
+)
+def test_a_band_that_ends_beside_a_pallet_gives_no_wrong_row(spoiled: Check) -> None:
+    spoiled("fisheye", lambda image: washed_out(image, 249, 0.4638, 0.4638, True))
 
 
 @pytest.mark.parametrize("name", ["fisheye", "pinhole"])

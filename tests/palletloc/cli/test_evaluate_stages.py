@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 import palletloc.report.worst_shots
+from palletloc.choices import Method
 from palletloc.cli.app import run
-from palletloc.config import Method
 from palletloc.io.measurements import NoPose, read_measurements, write_measurements
 from palletloc.measurement import PalletMeasurement
 from palletloc.report.shot_stages import run_method

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle
 
 from palletloc.candidate import Candidate, ShotView
-from palletloc.config import Method
+from palletloc.choices import Method
 from palletloc.drawing.canvas import WIDTH_PX, png
 from palletloc.drawing.face_figure import face_figure
 from palletloc.drawing.search_figure import search_figure

@@ -11,10 +11,14 @@ from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Polygon
+from palletloc.horizontal_view import HorizontalView
+from palletloc.joint_search import JointSearchConfig
+from palletloc.yaw import YawVote
 from scipy.spatial.transform import RigidTransform
 
 from palletloc.candidate import Candidate, ShotView
-from palletloc.config import LocalizerConfig, Method
+from palletloc.choices import Method
+from palletloc.config import LocalizerConfig
 from palletloc.drawing.canvas import WIDTH_PX, png
 from palletloc.drawing.face_figure import face_figure
 from palletloc.drawing.paper_figures import horizontal_figure, sweep_figure, vote_stretches
@@ -25,15 +29,12 @@ from palletloc.edge_fit import EdgeFit
 from palletloc.explained import name_candidates
 from palletloc.face import face_lines
 from palletloc.geometry import FloatArray, LevelPose
-from palletloc.horizontal_view import HorizontalView
-from palletloc.joint_search import JointSearchConfig
 from palletloc.localizer import Explanation, Localizer, Start
 from palletloc.measurement import Reason, Stage
 from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
 from palletloc.plane import PALLET_FROM_VERTICAL, place_plane
 from palletloc.shelf import ShelfPlane
-from palletloc.yaw import YawVote
 
 SHELF = ShelfPlane(1.0, 2.0, np.radians(-90.0), (0.0,))
 Placed = tuple[PalletModel, LevelPose]

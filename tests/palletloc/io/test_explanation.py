@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from palletloc.candidate import Candidate, ShotView
-from palletloc.config import Method
+from palletloc.choices import Method
 from palletloc.geometry import LevelPose
 from palletloc.io.explanation import explanation_document
 from palletloc.localizer import Explanation, Localizer, Start

@@ -18,7 +18,7 @@ from palletloc.io.measurements import (
     write_measurements,
     write_refusals,
 )
-from palletloc.measurement import PalletMeasurement, Reason, Refusal, Stage, YawSource
+from palletloc.measurement import PalletMeasurement, Reason, RefusedCandidate, Stage, YawSource
 
 HEADER = (
     "time_s,file,model,x_m,y_m,z_m,yaw_rad,cov_xx,cov_xy,cov_xz,cov_xw,cov_yy,cov_yz,cov_yw,cov_zz,cov_zw,cov_ww"
@@ -107,7 +107,7 @@ def test_what_is_not_finite_is_never_written(tmp_path: Path, row: PalletMeasurem
 
 def test_refusals_written_are_refusals_read(tmp_path: Path) -> None:
     refusals = tuple(
-        Refusal(0.1 * number, "t11", stage, reason, f"images/{number}.jpg")
+        RefusedCandidate(0.1 * number, "t11", stage, reason, f"images/{number}.jpg")
         for number, (stage, reason) in enumerate((stage, reason) for stage in Stage for reason in Reason)
     )
     write_refusals(tmp_path / "refusals.csv", refusals)

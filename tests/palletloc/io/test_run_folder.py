@@ -11,12 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from palletloc.geometry import LevelPose
-from palletloc.io.atomic import OutputError
-from palletloc.io.journal import JournalError
+from palletloc.io.atomic import JournalError, OutputError
 from palletloc.io.measurements import NoPose, read_measurements, read_refusals
 from palletloc.io.recording import Shot, read_recording
 from palletloc.io.run_folder import JOURNAL, ResumeError, Run, RunFolder
-from palletloc.measurement import PalletMeasurement, Reason, Refusal, Stage, YawSource
+from palletloc.measurement import PalletMeasurement, Reason, RefusedCandidate, Stage, YawSource
 
 SHOTS = tuple(Shot(0.5 * number, f"images/{number}.jpg") for number in range(5))
 RUN = Run(recording="0123", method="paper", configuration="4567", starts="", version="1.0")
@@ -52,7 +51,7 @@ def work(
             if number in unreadable:
                 output.skip(number, f"{shot.file}: is truncated")
             else:
-                refusal = Refusal(shot.time, "t11", Stage.YAW, Reason.NO_LINE, shot.file)
+                refusal = RefusedCandidate(shot.time, "t11", Stage.YAW, Reason.NO_LINE, shot.file)
                 output.add(number, rows_of(shot), [refusal] * (number % 2))
     return worked
 

@@ -6,6 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from palletloc.refined import measure_refined
+from palletloc.refinement.agreement import LevelYaw, level_yaw
+from palletloc.refinement.alignment import FaceEstimate, fit_face
 
 from palletloc import attempts
 from palletloc.candidate import Candidate, ShotView
@@ -15,9 +18,6 @@ from palletloc.face import EdgeKind, FaceEdge, FaceLine, edge_shift, face_lines
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.measurement import HeightPrior, Reason, Stage
 from palletloc.pallet import PalletModel
-from palletloc.refined import measure_refined
-from palletloc.refinement.agreement import LevelYaw, level_yaw
-from palletloc.refinement.alignment import FaceEstimate, fit_face
 from palletloc.refinement.edges import MeasuredEdge, SeenFace
 
 POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from palletloc.refinement.alignment import FaceEstimate, FaceFitConfig, YawPrior, fit_face, same_pose
 
 from palletloc.candidate import ShotView
 from palletloc.geometry import LevelPose
 from palletloc.measurement import HeightPrior, Reason
 from palletloc.pallet import PalletModel
 from palletloc.refinement import alignment
-from palletloc.refinement.alignment import FaceEstimate, FaceFitConfig, YawPrior, fit_face, same_pose
 from palletloc.refinement.edges import SeenFace, measure_face
 
 POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)

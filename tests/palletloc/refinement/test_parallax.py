@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from palletloc.refinement.alignment import FaceEstimate, FaceFitConfig, fit_face
+from palletloc.refinement.parallax import CREASE_SEEN, count_votes
 
 from palletloc.candidate import ShotView
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.measurement import HeightPrior
 from palletloc.pallet import PalletModel
 from palletloc.pallet_library import load_library
-from palletloc.refinement.alignment import FaceEstimate, FaceFitConfig, fit_face
 from palletloc.refinement.depth_edges import DepthPeaks, visible_depth_edges
-from palletloc.refinement.parallax import CREASE_SEEN, count_votes
 
 EPAL = load_library()["epal1-1200"]
 EDGES = visible_depth_edges(EPAL, np.array([-0.9, 0.07, 1.8]))

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -8,9 +10,6 @@ from palletloc.geometry import FloatArray
 from palletloc.pallet import PalletModel
 from palletloc.pallet_library import load_library
 from palletloc.refinement.samples import LEVEL_SPACING, face_samples
-
-LIBRARY = load_library()
-models = pytest.mark.parametrize("model", LIBRARY.values(), ids=LIBRARY)
 
 
 def distances(points: FloatArray, model: PalletModel, horizontal: bool) -> FloatArray:
@@ -21,7 +20,6 @@ def distances(points: FloatArray, model: PalletModel, horizontal: bool) -> Float
     return np.asarray(np.linalg.norm(points[:, None] - nearest, axis=-1))
 
 
-@models
 def test_the_weights_of_all_edges_add_up_to_one(model: PalletModel) -> None:
     samples = face_samples(model)
     assert samples.level_weight.sum() + samples.upright_weight.sum() == pytest.approx(1.0)
@@ -35,16 +33,14 @@ def test_the_weights_of_all_edges_add_up_to_one(model: PalletModel) -> None:
         assert points.shape == (len(weight), 2)
 
 
-@models
-@pytest.mark.parametrize("horizontal", [True, False], ids=["level", "upright"])
-def test_every_point_lies_on_an_edge_and_every_edge_has_points(horizontal: bool, model: PalletModel) -> None:
+def test_every_point_lies_on_an_edge_and_every_edge_has_points(model: PalletModel) -> None:
     samples = face_samples(model)
-    away = distances(samples.level if horizontal else samples.upright, model, horizontal)
-    assert away.min(axis=1).max() < 1e-12
-    assert away.min(axis=0).max() < 1e-12
+    for horizontal, points in ((True, samples.level), (False, samples.upright)):
+        away = distances(points, model, horizontal)
+        assert away.min(axis=1).max() < 1e-12
+        assert away.min(axis=0).max() < 1e-12
 
 
-@models
 def test_points_are_dense_enough_for_no_stretch_to_be_missed(model: PalletModel) -> None:
     level = face_samples(model).level
     for edge in face_edges(model):
@@ -55,7 +51,6 @@ def test_points_are_dense_enough_for_no_stretch_to_be_missed(model: PalletModel)
             assert gaps.max() < 1.6 * LEVEL_SPACING
 
 
-@models
 def test_on_each_kind_of_edge_weight_is_spread_by_length(model: PalletModel) -> None:
     samples = face_samples(model)
     for horizontal, points, weight in (
@@ -68,7 +63,6 @@ def test_on_each_kind_of_edge_weight_is_spread_by_length(model: PalletModel) -> 
         np.testing.assert_allclose(share, share[0], rtol=1e-9)
 
 
-@models
 def test_points_in_blocks_lie_in_the_solid_well_off_its_edges_and_count_against_a_pose(model: PalletModel) -> None:
     samples = face_samples(model)
     assert len(samples.block) > 0 or max(right - left for left, right in model.blocks) < 0.04
@@ -82,12 +76,27 @@ def test_points_in_blocks_lie_in_the_solid_well_off_its_edges_and_count_against_
         assert distances(samples.block, model, horizontal).min(initial=1.0) > 0.01
 
 
-@models
 def test_every_block_is_looked_at(model: PalletModel) -> None:
     block = face_samples(model).block[:, 0]
     for left, right in model.blocks:
         if len(block) and right - left > 0.05:
             assert ((block > left) & (block < right)).any()
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        test_the_weights_of_all_edges_add_up_to_one,
+        test_every_point_lies_on_an_edge_and_every_edge_has_points,
+        test_points_are_dense_enough_for_no_stretch_to_be_missed,
+        test_on_each_kind_of_edge_weight_is_spread_by_length,
+        test_points_in_blocks_lie_in_the_solid_well_off_its_edges_and_count_against_a_pose,
+        test_every_block_is_looked_at,
+    ],
+)
+def test_it_holds_for_every_pallet_of_the_library(law: Callable[[PalletModel], None]) -> None:
+    for each in load_library().values():
+        law(each)
 
 
 def test_what_is_shared_cannot_be_written(t11: PalletModel) -> None:

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from palletloc.refinement.system import DEPTH_ERROR, FaceSolution, FaceSystem
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from palletloc.edge_fit import EdgeFit
@@ -16,7 +17,6 @@ from palletloc.pallet_library import load_library
 from palletloc.plane import PALLET_FROM_VERTICAL
 from palletloc.refinement.depth_edges import DepthEdge, visible_depth_edges
 from palletloc.refinement.edges import MeasuredEdge, SeenFace
-from palletloc.refinement.system import DEPTH_ERROR, FaceSolution, FaceSystem
 
 POSE = LevelPose(0.9, 2.0, 0.15, 1.7)
 STEP = 1e-5

@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from palletloc.choices import Side
 from palletloc.geometry import FloatArray
 from palletloc.pallet import PalletModel
 from palletloc.pallet_library import load_library
 from palletloc.synthetic.aisle import Aisle, AisleSpec, StandingPallet, draw_aisle, misshapen
 from palletloc.synthetic.loads import Load
 from palletloc.synthetic.pallet_solid import PalletBody
-from palletloc.synthetic.placing import ShelfFrame, Side
+from palletloc.synthetic.placing import ShelfFrame
 
 MODELS = tuple(load_library()[name] for name in ("epal1-1200", "t11-plastic", "epal1-800"))
 SPEC = AisleSpec(models=MODELS, opposite=False, clutter=0, filled=0.9)

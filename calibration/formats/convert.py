@@ -14,11 +14,10 @@ from calibration.formats.camera_file import FiledCamera, alone, as_cameras, came
 from calibration.formats.fields import FormatError, read_json, read_yaml
 from calibration.lenses.conversion import ConversionError, LensDifference, convert_lens, difference
 from calibration.lenses.models import MODELS, lens_model, model_of
-from calibration.required_file import require_file
 from palletloc.cameras import CameraModel, DualFisheye, Equirectangular, KannalaBrandt
 from palletloc.errors import PalletLocError, nearest_name
 from palletloc.io.atomic import write_text
-from palletloc.io.reading import read_text
+from palletloc.io.reading import read_text, require_file
 
 _DUAL = "dual_fisheye"
 """Name of the model of two fisheyes side by side."""

@@ -9,14 +9,13 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from calibration.extrinsics_file import CharucoSpec, Positive
 from calibration.lenses.fit import Aperture
-from calibration.required_file import require_file
-from calibration.targets import CharucoBoard, TargetError, patterns
+from calibration.targets.target_file import CharucoSpec, Positive
+from calibration.targets.targets import CharucoBoard, TargetError, patterns
 from palletloc.cameras import CameraModel, DualFisheye
 from palletloc.geometry import FloatArray
 from palletloc.io.camera_spec import camera_from_spec
-from palletloc.io.reading import InputError
+from palletloc.io.reading import InputError, require_file
 from palletloc.io.schema import Angle, CameraSpec, Pixels
 from palletloc.io.yaml_document import Document, DocumentError, read_document
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from calibration.bearing_dlt import pose_from_bearings
+from calibration.bearings import pose_from_bearings
 from calibration.lenses.models import MODELS, LensModel
 from calibration.lenses.problem import BoardView, LensProblem, Rig, adjust
 from palletloc.geometry import BoolArray, FloatArray

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.patches import pixel_density, sample
+from calibration.targets.patches import pixel_density, sample
 from palletloc.cameras.protocol import CameraModel
 from palletloc.geometry import FloatArray, Image, wrap_angle
 from palletloc.mounting import Mounting

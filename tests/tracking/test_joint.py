@@ -52,7 +52,7 @@ def moved(rng: np.random.Generator, speed: float = 0.6) -> Motion:
 
 
 def begun(engine: PalletFilter, observations: Sequence[Observation]) -> Joint:
-    first, *others = (engine.begin(one) for one in observations)
+    first, *others = (engine.begin(one) for one in sights)
     joint = alone(KEYS[0], first)
     for key, state in zip(KEYS[1:], others, strict=False):
         joint = joined(joint, key, state)

@@ -210,7 +210,7 @@ def test_on_a_linear_way_it_is_the_least_squares_solution(errors_alike: Measurem
             covariance[k + 1, :, j] = F @ covariance[k, :, j]
             covariance[j, :, k + 1] = covariance[k + 1, :, j].T
         covariance[k + 1, :, k + 1] = F @ covariance[k, :, k] @ F.T + Q
-    models = [engine.model(one) for one in observations[1:]]
+    models = [engine.model(one) for one in sights[1:]]
     H = np.zeros((4 * len(models), count * size))
     R = np.zeros((4 * len(models), 4 * len(models)))
     for k, (rows, noise) in enumerate(models):
@@ -218,7 +218,7 @@ def test_on_a_linear_way_it_is_the_least_squares_solution(errors_alike: Measurem
         R[4 * k : 4 * k + 4, 4 * k : 4 * k + 4] = noise
     joint = covariance.reshape(count * size, count * size)
     gain = np.linalg.solve(H @ joint @ H.T + R, H @ joint).T
-    away = np.concatenate([one.values for one in observations[1:]]) - H @ mean.ravel()
+    away = np.concatenate([one.values for one in sights[1:]]) - H @ mean.ravel()
     best = (mean.ravel() + gain @ away).reshape(count, size)
     left = (joint - gain @ H @ joint).reshape(count, size, count, size)
     for k, state in enumerate(smoothed_chain(chain)):

@@ -12,7 +12,7 @@ from calibration.shelf.beam_line import BeamSearch, beam_lines
 from calibration.shelf.plane import Foot
 from palletloc.cameras import Equirectangular
 from palletloc.geometry import FloatArray
-from palletloc.io.recording import Recording, Shot
+from palletloc.io.recording import Recording, ShotFile
 from palletloc.pallet_library import find_models
 from palletloc.shelf import ShelfPlane
 from palletloc.trajectory import Trajectory
@@ -55,7 +55,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
         MOUNTING,
         ShelfPlane(0.0, FRONT, -np.pi / 2, (0.0, LEVEL)),
         find_models(("epal1-1200",), {}),
-        tuple(Shot(float(i), f"{i}.png") for i in range(4)),
+        tuple(ShotFile(float(i), f"{i}.png") for i in range(4)),
         Trajectory(times, *POSES.T),
     )
 

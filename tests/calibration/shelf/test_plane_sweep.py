@@ -13,7 +13,7 @@ from calibration.shelf.plane import Foot, PlaneEstimate, fuse
 from calibration.shelf.plane_sweep import REACH, SIGMA, SWEEP, PlaneSweep, judged, sweep_estimate, sweep_plane
 from palletloc.cameras import Equirectangular
 from palletloc.geometry import FloatArray
-from palletloc.io.recording import Recording, Shot
+from palletloc.io.recording import Recording, ShotFile
 from palletloc.pallet_library import find_models
 from palletloc.shelf import ShelfPlane
 from palletloc.trajectory import Trajectory
@@ -75,7 +75,7 @@ def swept(
         cv2.imwrite(str(folder / f"{i}.png"), drawn(pose, layers, sigma, rng).round().astype(np.uint8))
     recording = Recording(
         folder, CAMERA, MOUNTING, ShelfPlane(0.0, FRONT, -np.pi / 2), find_models(("epal1-1200",), {}),
-        tuple(Shot(float(i), f"{i}.png") for i in range(len(poses))),
+        tuple(ShotFile(float(i), f"{i}.png") for i in range(len(poses))),
         Trajectory(np.arange(float(len(poses))), *poses.T),
     )  # fmt: skip
     return sweep_plane(recording, range(len(poses)), poses, FOOT, TURN, shifted(distance))

@@ -7,10 +7,10 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from calibration.shelf.plane import Foot
 from calibration.shelf.upright_tags import TagsOnUprights, tag_places, tag_plane
-from calibration.targets import SingleTag, TargetError
+from calibration.targets.targets import SingleTag, TargetError
 from palletloc.cameras import Equirectangular
 from palletloc.geometry import Image, LevelPose
-from palletloc.io.recording import Recording, Shot
+from palletloc.io.recording import Recording, ShotFile
 from palletloc.pallet_library import find_models
 from palletloc.shelf import ShelfPlane
 from palletloc.trajectory import Trajectory
@@ -50,7 +50,7 @@ def recording(
         forklift_from_camera,
         ShelfPlane(0.0, FRONT, -np.pi / 2),
         find_models(("epal1-1200",), {}),
-        tuple(Shot(float(i), f"{i}.png") for i in range(2)),
+        tuple(ShotFile(float(i), f"{i}.png") for i in range(2)),
         Trajectory(np.arange(2.0), *POSES.T),
     )
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import RigidTransform
 from palletloc.cameras import Equirectangular
 from palletloc.drawing.canvas import SERIES, png
 from palletloc.geometry import FloatArray, LevelPose, level_pose
-from palletloc.io.recording import Recording, Shot
+from palletloc.io.recording import Recording, ShotFile
 from palletloc.io.tracks import TrackRow
 from palletloc.io.truth import TruePallet, Truth
 from palletloc.measurement import PalletMeasurement, YawSource
@@ -18,12 +18,11 @@ from palletloc.pallet import Opening, PalletModel
 from palletloc.shelf import ShelfPlane
 from palletloc.track_status import Status
 from palletloc.trajectory import Trajectory
-from tracking.deviation import track_deviations
-from tracking.figure import MOST_BESIDE, track_figure
-from tracking.offline import ShotTracks, TrackedRecording
+from tracking.figure import MOST_BESIDE, track_deviations, track_figure
+from tracking.recording import ShotTracks, TrackedRecording
 from tracking.smoother import SmoothedState
-from tracking.state import Gaussian
-from tracking.track import Key, Track
+from tracking.state import Gaussian, Key
+from tracking.track import Track
 
 T11 = PalletModel("t11", 1.1, 0.144, 1.1, (Opening(0.0, 0.024, 0.29, 0.092),))
 TIMES = (0.0, 1.0, 2.0)
@@ -31,7 +30,7 @@ ODOMETRY = Trajectory(
     np.array(TIMES), np.array([0.0, 0.5, 1.0]), np.zeros(3), np.zeros(3), speed=np.ones(3), yaw_rate=np.zeros(3)
 )
 FORKLIFT = Trajectory(np.array(TIMES), np.array([3.0, 3.0, 3.0]), np.array([1.0, 1.5, 2.0]), np.full(3, np.pi / 2))
-SHOTS = tuple(Shot(time, f"{time}.jpg") for time in TIMES)
+SHOTS = tuple(ShotFile(time, f"{time}.jpg") for time in TIMES)
 RECORDING = Recording(
     Path("aisle"),
     Equirectangular(64, 32),

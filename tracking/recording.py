@@ -18,6 +18,7 @@ from palletloc.measurement import PalletMeasurement
 from palletloc.track_status import Status
 from palletloc.trajectory import TrajectoryError
 from tracking.config import TrackerConfig
+from tracking.driven_path import DrivenPath
 from tracking.events import Event, EventKind
 from tracking.files import (
     EVENTS,
@@ -31,11 +32,10 @@ from tracking.files import (
     write_events,
     write_paths,
 )
+from tracking.observation import ShotTaken
 from tracking.odometry import Odometry, samples_of
-from tracking.path import DrivenPath
-from tracking.shot_taken import ShotTaken
 from tracking.smoother import SmoothedState, smoothed, smoothed_at
-from tracking.stream import RecordingSource
+from tracking.streaming import RecordingSource
 from tracking.tracker import PalletTracker
 
 
@@ -111,26 +111,26 @@ class TrackedRecording:
     @property
     def rows(self) -> tuple[TrackRow, ...]:
         """The rows of tracks.csv."""
-        return tuple(row for one in self.shots for row in one.rows)
+        return tuple(row for tracks in self.shots for row in tracks.rows)
 
     @property
     def smoothed_rows(self) -> tuple[TrackRow, ...]:
         """The rows of tracks_smoothed.csv: as every shot is known at the end, a track is believed from its begin."""
         if self.later is None:
             return ()
-        believed = {one.number for one in self.later if one.track.confirmed}
-        return tuple(_smoothed_row(one, one.number in believed) for one in self.later)
+        believed = {state.number for state in self.later if state.track.confirmed}
+        return tuple(_smoothed_row(state, state.number in believed) for state in self.later)
 
     @property
     def paths(self) -> tuple[PathPoint, ...]:
         """``odom_from_pallet`` of every row."""
-        poses = {one.shot.time: one.odom_from_forklift for one in self.shots}
+        poses = {tracks.shot.time: tracks.odom_from_forklift for tracks in self.shots}
         return _points(self.rows, poses)
 
     @property
     def smoothed_paths(self) -> tuple[PathPoint, ...]:
         """``odom_from_pallet`` of every smoothed row."""
-        poses = {one.shot.time: odometry_at(self.recording, one.shot.time) for one in self.shots}
+        poses = {tracks.shot.time: odometry_at(self.recording, tracks.shot.time) for tracks in self.shots}
         return _points(self.smoothed_rows, poses)
 
 
@@ -167,8 +167,8 @@ def track_recording(
     """
     tracker = PalletTracker(config, recording.models, keep_history=smooth)
     by_shot: dict[float, list[PalletMeasurement]] = {}
-    for one in measured:
-        by_shot.setdefault(one.time, []).append(one)
+    for measurement in measured:
+        by_shot.setdefault(measurement.time, []).append(measurement)
     skipped = set(unread)
     events: list[Event] = []
     shots: list[ShotTracks] = []
@@ -189,7 +189,7 @@ def track_recording(
 
 def _telling(events: Iterable[Event]) -> Iterator[Event]:
     """Leave out that odometry and shots were taken, which goes without saying."""
-    return (one for one in events if one.kind is not EventKind.ACCEPTED or one.track is not None)
+    return (event for event in events if event.kind is not EventKind.ACCEPTED or event.track is not None)
 
 
 def _later(recording: Recording, tracker: PalletTracker) -> tuple[SmoothedState, ...]:
@@ -202,13 +202,20 @@ def _later(recording: Recording, tracker: PalletTracker) -> tuple[SmoothedState,
     return smoothed_at(times, smoothed(tracker.history()), path, config)
 
 
-def _smoothed_row(one: SmoothedState, believed: bool) -> TrackRow:
-    track = one.track
+def _smoothed_row(smooth: SmoothedState, believed: bool) -> TrackRow:
+    track = smooth.track
     status = Status.TENTATIVE
     if believed:
         status = Status.COASTING if track.misses else Status.CONFIRMED
     return TrackRow(
-        one.time, one.number, track.model, status, one.pose, one.covariance, one.time - track.seen, track.hits
+        smooth.time,
+        smooth.number,
+        track.model,
+        status,
+        smooth.pose,
+        smooth.covariance,
+        smooth.time - track.seen,
+        track.hits,
     )
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tracking.config import GateConfig
-from tracking.gate import chi_square_limit, covariance_scale, huber_weight
+from tracking.gating import chi_square_limit, covariance_scale, huber_weight
 
 GATE = GateConfig()
 

@@ -4,10 +4,10 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from palletloc.footprint import overlapping
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.pallet_library import load_library
-from palletloc.verification import overlapping
-from tracking.footprint import Footprints, Standing
+from tracking.association import Footprints, Standing
 
 LIBRARY = load_library()
 SURE = 1e-12 * np.eye(4)

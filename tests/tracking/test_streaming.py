@@ -8,21 +8,21 @@ from typing import Any
 
 import numpy as np
 import pytest
-from palletloc.offline import shelf_at
 
 from palletloc.errors import PalletLocError
-from palletloc.geometry import Image, LevelPose, level_pose
+from palletloc.geometry import LevelPose, level_pose
 from palletloc.io.images import ImageError
 from palletloc.io.recording import read_recording
 from palletloc.localizer import Localizer
 from palletloc.measurement import PalletMeasurement, YawSource
 from palletloc.shelf import ShelfPlane
+from palletloc.shot import Shot
 from tracking.config import MeasurementErrors, TrackerConfig
 from tracking.events import Event, EventKind
 from tracking.motion import Twist
+from tracking.observation import ShotTaken
 from tracking.odometry import Odometry
-from tracking.shot_taken import ShotTaken
-from tracking.stream import MOST_HELD, CameraShot, RecordingSource, ShelfLocalizer, stream
+from tracking.streaming import MOST_HELD, CameraShot, RecordingSource, ShelfLocalizer, stream
 from tracking.tracker import Input, PalletTracker
 
 SAMPLE = Path(str(files("palletloc") / "sample"))
@@ -190,23 +190,24 @@ class Stand(Localizer):
     """Notes where the shelf is said to be."""
 
     def __init__(self) -> None:
-        recording = read_recording(SAMPLE)
-        super().__init__(recording.camera, recording.mounting, recording.models)
+        super().__init__(read_recording(SAMPLE).models)
         self.shelves: list[ShelfPlane] = []
         self.shots: list[tuple[tuple[int, ...], float, str]] = []
 
-    def localize(self, image: Image, time: float, shelf: ShelfPlane, file: str = "") -> list[PalletMeasurement]:
+    def localize(self, shot: Shot, shelf: ShelfPlane) -> list[PalletMeasurement]:
         self.shelves.append(shelf)
-        self.shots.append((image.shape, time, file))
+        self.shots.append((shot.image.shape, shot.time, shot.file))
         return []
 
 
 def test_the_shelf_is_where_odometry_says_with_the_drift_it_may_have() -> None:
     recording, stand = read_recording(SAMPLE), Stand()
-    localizer = ShelfLocalizer(stand, recording.shelf, recording.odometry.span[0])
+    localizer = ShelfLocalizer(
+        stand, recording.camera, recording.mounting, recording.shelf, recording.odometry.span[0]
+    )
     list(stream(RecordingSource(recording), localizer, PalletTracker()))
     for shelf, one in zip(stand.shelves, recording.shots, strict=True):
-        expected = shelf_at(recording, one.time, stand.config.prior)
+        expected = recording.shelf_at(one.time, stand.config.prior)
         assert [shelf.x, shelf.y, shelf.facing] == pytest.approx([expected.x, expected.y, expected.facing], abs=3e-3)
         assert shelf.drift == expected.drift
         assert shelf.levels == recording.shelf.levels
@@ -216,7 +217,8 @@ def test_the_shelf_is_where_odometry_says_with_the_drift_it_may_have() -> None:
 
 def test_without_a_time_the_drift_counts_from_the_first_shot() -> None:
     recording, stand = read_recording(SAMPLE), Stand()
-    list(stream(RecordingSource(recording), ShelfLocalizer(stand, recording.shelf), PalletTracker()))
+    localizer = ShelfLocalizer(stand, recording.camera, recording.mounting, recording.shelf)
+    list(stream(RecordingSource(recording), localizer, PalletTracker()))
     assert stand.shelves[0].drift == 0.0 < stand.shelves[-1].drift
 
 
@@ -230,8 +232,7 @@ def test_the_example_follows_the_pallets_of_the_sample(capsys: pytest.CaptureFix
     printed = capsys.readouterr().out.splitlines()
     recording, tracker = made["recording"], made["tracker"]
     last = recording.shots[-1]
-    shelf = shelf_at(recording, last.time, made["localizer"].localizer.config.prior)
-    single = made["localizer"].localizer.localize(recording.image(last), last.time, shelf)
+    single = made["localizer"].localizer.localize(recording.shot(last), recording.shelf_at(last.time))
     states = tracker.tracks(last.time)
     assert sum(line.endswith(" born") for line in printed) == len(states)
     for one in single:

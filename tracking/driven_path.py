@@ -11,8 +11,7 @@ import numpy as np
 
 from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 from tracking.motion import Motion, Twist, chain, no_motion
-from tracking.odometry import Odometry, OdometryNoise, mean_rates, rates_between
-from tracking.path_limits import PathLimits
+from tracking.odometry import Odometry, OdometryNoise, PathLimits, mean_rates, rates_between
 
 UNKNOWN_SPEED, UNKNOWN_TURN = 1.0, 0.5
 """How fast a forklift may drive and turn while nothing is known of it: one standard deviation, in m/s and rad/s."""
@@ -95,7 +94,7 @@ class DrivenPath:
         changed = self._times[at - 1] if at > 1 else -math.inf
         # what is beyond the last sample goes by the last leg
         again = self._times[at + 1] if at + 2 < len(self._times) else math.inf
-        self._kept = {ends: one for ends, one in self._kept.items() if ends[1] <= changed or ends[0] >= again}
+        self._kept = {ends: motion for ends, motion in self._kept.items() if ends[1] <= changed or ends[0] >= again}
         return changed
 
     def last_before(self, time: float) -> float | None:
@@ -164,10 +163,10 @@ class DrivenPath:
 
     def pose_at(self, time: float) -> LevelPose | None:
         """Return ``odom_from_forklift`` at a time by the nearest sample that has a pose; None where none has."""
-        posed = [one for one in self._samples if one.pose is not None]
+        posed = [sample for sample in self._samples if sample.pose is not None]
         if not posed:
             return None
-        at = max(bisect_right([one.time for one in posed], time) - 1, 0)
+        at = max(bisect_right([sample.time for sample in posed], time) - 1, 0)
         pose = posed[at].pose
         ends = sorted((posed[at].time, time))
         motion = self.extrapolated(*ends)
@@ -200,9 +199,9 @@ class DrivenPath:
         """
         first, last = bisect_right(self._times, start) - 1, bisect_left(self._times, end)
         legs = self._legs[max(first, 0) : last]
-        if first < 0 or last >= len(self._times) or not legs or any(one.jumped or not one.known for one in legs):
+        if first < 0 or last >= len(self._times) or not legs or any(leg.jumped or not leg.known for leg in legs):
             return None
-        rates = [(one.twist.forward, one.twist.left, one.twist.turn) for one in legs]
+        rates = [(leg.twist.forward, leg.twist.left, leg.twist.turn) for leg in legs]
         return np.array(self._times[first : last + 1]), np.array(rates)
 
     def forget_before(self, time: float) -> None:
@@ -242,12 +241,14 @@ class DrivenPath:
         """Return the motion on a leg from a time, or its begin, to a time, or its end."""
         if leg < 0 or leg >= len(self._legs):
             return self._beyond(leg, start, end)
-        one, before, after = self._legs[leg], self._times[leg], self._times[leg + 1]
+        this, before, after = self._legs[leg], self._times[leg], self._times[leg + 1]
         begin = before if start is None else start
         finish = after if end is None else end
         if begin == before and finish == after:
-            return one.whole
-        motion = self._moved(one.twist, one.known, self._samples[leg + 1].covariance, after - before, finish - begin)
+            return this.whole
+        motion = self._moved(
+            this.twist, this.known, self._samples[leg + 1].covariance, after - before, finish - begin
+        )
         return _with_noise(
             motion, sum(self._noise.between_samples(cut - before, after - cut) for cut in (begin, finish))
         )

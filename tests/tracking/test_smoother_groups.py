@@ -11,14 +11,13 @@ import pytest
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.measurement import PalletMeasurement, YawSource
 from tracking.config import MeasurementErrors, TrackerConfig
-from tracking.filter import PalletFilter
-from tracking.joint import Joint, regrouped
-from tracking.joint_filter import JointFilter, Seen
+from tracking.filter import GroupFilter
+from tracking.gating import Association
 from tracking.motion import Twist
 from tracking.observation import Observation, observe
 from tracking.odometry import OdometryNoise
-from tracking.smoother import smoothed_joints
-from tracking.track import Key
+from tracking.smoother import smoothed_groups
+from tracking.state import Key, TrackGroup, regrouped
 
 NOISE = OdometryNoise(
     gyro_bias_deg_s=0.0, gyro_random_walk_deg_per_sqrt_s=0.0, turn_deg_per_sqrt_turn=0.0, wheel_scale_percent=3.0
@@ -57,25 +56,27 @@ def measurements() -> dict[tuple[int, int], Observation]:
     return found
 
 
-def filtered(most: int) -> list[list[Joint]]:
-    engine, seen = PalletFilter(CONFIG), measurements()
-    together = JointFilter(engine)
-    joints: list[Joint] = []
+def filtered(most: int) -> list[list[TrackGroup]]:
+    group_filter, seen = GroupFilter(CONFIG), measurements()
+    groups: list[TrackGroup] = []
     steps = []
     for step in range(STEPS):
         if step:
-            joints = together.predicted(joints, MOTION)
+            groups = group_filter.predict_groups(groups, MOTION)
         alive = {KEYS[number] for number, life in enumerate(LIVES) if step in life}
-        joints = regrouped(joints, (), alive & {key for joint in joints for key in joint.keys}, most)
-        numbers = [[KEYS.index(key) for key in joint.keys] for joint in joints]
+        groups = regrouped(groups, (), alive & {key for group in groups for key in group.keys}, most)
+        numbers = [[KEYS.index(key) for key in group.keys] for group in groups]
         hits = [
-            [Seen(at, seen[number, step]) for at, number in enumerate(ones) if (number, step) in seen]
-            for ones in numbers
+            [(at, Association(seen[number, step])) for at, number in enumerate(members) if (number, step) in seen]
+            for members in numbers
         ]
-        joints = together.updated(joints, hits) if step else joints
-        began = [(KEYS[n], engine.begin(seen[n, step])) for n, life in enumerate(LIVES) if step == life[0]]
-        joints = regrouped(joints, began, alive, most)
-        steps.append(joints)
+        if step:
+            groups = [
+                group_filter.update_group(*pair) if pair[1] else pair[0] for pair in zip(groups, hits, strict=True)
+            ]
+        began = [(KEYS[n], group_filter.begin(seen[n, step])) for n, life in enumerate(LIVES) if step == life[0]]
+        groups = regrouped(groups, began, alive, most)
+        steps.append(groups)
     return steps
 
 
@@ -129,9 +130,9 @@ def test_it_is_the_least_squares_solution_though_pallets_come_and_go(most: int) 
     steps = filtered(most)
     solution, cov, depends = least_squares()
     compared = 0
-    for step, (joints, states) in enumerate(zip(steps, smoothed_joints(steps), strict=True)):
-        for joint, state in zip(joints, states, strict=True):
-            for key, place in zip(joint.keys, places(joint), strict=True):
+    for step, (groups, states) in enumerate(zip(steps, smoothed_groups(steps), strict=True)):
+        for group, state in zip(groups, states, strict=True):
+            for key, place in zip(group.keys, places(group), strict=True):
                 J = depends[KEYS.index(key), step]
                 expected = J @ solution - [step * MOTION.increment[0], 0.0, 0.0, 0.0]
                 assert state.mean[place] == pytest.approx(expected, abs=1e-9)
@@ -140,18 +141,18 @@ def test_it_is_the_least_squares_solution_though_pallets_come_and_go(most: int) 
     assert compared == sum(len(life) for life in LIVES)
 
 
-def places(joint: Joint) -> list[list[int]]:
+def places(group: TrackGroup) -> list[list[int]]:
     """Return where the poses are: behind the first pallet's ten numbers eight for each other one."""
-    return [[0, 1, 2, 3], *([10 + 8 * n + k for k in range(4)] for n in range(len(joint.keys) - 1))]
+    return [[0, 1, 2, 3], *([10 + 8 * n + k for k in range(4)] for n in range(len(group.keys) - 1))]
 
 
 def variances(most: int) -> dict[tuple[int, Key], float]:
     steps = filtered(most)
     return {
         (step, key): float(np.diag(state.covariance)[place[:2]].sum())
-        for step, (joints, states) in enumerate(zip(steps, smoothed_joints(steps), strict=True))
-        for joint, state in zip(joints, states, strict=True)
-        for key, place in zip(joint.keys, places(joint), strict=True)
+        for step, (groups, states) in enumerate(zip(steps, smoothed_groups(steps), strict=True))
+        for group, state in zip(groups, states, strict=True)
+        for key, place in zip(group.keys, places(group), strict=True)
     }
 
 

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from palletloc.offline import read_job
 from scipy.spatial.transform import RigidTransform
 
 from palletloc.cameras import Equirectangular
@@ -15,20 +14,21 @@ from palletloc.evaluation.pose_error import from_measurements
 from palletloc.evaluation.run_match import TrueScene, match_run
 from palletloc.geometry import FloatArray, LevelPose, level_pose, wrap_angle
 from palletloc.io.measurements import NoPose, write_measurements
-from palletloc.io.recording import Recording, Shot
+from palletloc.io.recording import Recording, ShotFile
 from palletloc.io.tracks import TrackRow, read_tracks
 from palletloc.io.truth import read_truth
 from palletloc.measurement import PalletMeasurement, YawSource
 from palletloc.pallet import Opening, PalletModel
+from palletloc.recording_run import read_job
 from palletloc.shelf import ShelfPlane
 from palletloc.track_status import Status
 from palletloc.trajectory import Trajectory
 from tracking.config import LifeConfig, MeasurementErrors, TrackerConfig
 from tracking.events import EventKind
 from tracking.files import read_events, track_row
+from tracking.observation import ShotTaken
 from tracking.odometry import Odometry, samples_of
-from tracking.offline import TrackedRecording, read_measured, track_recording, write_run
-from tracking.shot_taken import ShotTaken
+from tracking.recording import TrackedRecording, read_measured, track_recording, write_run
 from tracking.tracker import PalletTracker
 
 T11 = PalletModel("t11", 1.1, 0.144, 1.1, (Opening(-0.265, 0.024, 0.29, 0.092), Opening(0.265, 0.024, 0.29, 0.092)))
@@ -46,7 +46,7 @@ def path() -> Trajectory:
 
 
 def recording(count: int = 12) -> Recording:
-    shots = tuple(Shot(0.02 + 0.45 * number, f"{number}.jpg") for number in range(count))
+    shots = tuple(ShotFile(0.02 + 0.45 * number, f"{number}.jpg") for number in range(count))
     mounting = RigidTransform.from_translation([0.3, 0.0, 1.8])
     return Recording(
         Path("aisle"), Equirectangular(64, 32), mounting, ShelfPlane(3.0, 2.0, -1.5), (T11,), shots, path()
@@ -273,7 +273,7 @@ def test_tracks_beat_the_shots_that_they_are_made_of(name: str, hits: int) -> No
     if not (SHARED / name).is_dir():
         pytest.skip("the shared recordings are not there")
     job, truth = read_job(SHARED / name), read_truth(SHARED / name)
-    found = [one for number in range(len(job.shots)) for one in job.explain(number)[1].measurements]
+    found = [one for number in range(len(job.shots)) for one in job.explain(number).measurements]
     run = track_recording(job.recording, found, smooth=True)
 
     def offsets(measured: Sequence[PalletMeasurement]) -> dict[tuple[str, float], FloatArray]:

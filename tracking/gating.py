@@ -2,12 +2,37 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import NamedTuple
 
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from tracking.config import GateConfig
+from tracking.observation import Observation
+
+
+class Association(NamedTuple):
+    """A measurement with the track that it may belong to."""
+
+    observation: Observation
+    """The measurement."""
+    scale: float = 1.0
+    """Factor on its covariance that the track's earlier innovations ask for."""
+    weight: float = 1.0
+    """How much it counts, up to 1: a robust weight."""
+    distance: float = 0.0
+    """Squared Mahalanobis distance from the track, before the measurement."""
+    log_volume: float = 0.0
+    """Logarithm of the determinant of the innovation's covariance."""
+    limit: float = math.inf
+    """The gate: the largest distance at which they may belong together."""
+
+    @property
+    def passes(self) -> bool:
+        """Whether they may belong together."""
+        return self.distance <= self.limit
 
 
 @lru_cache(maxsize=256)
@@ -26,7 +51,7 @@ def chi_square_limit(probability: float, dof: int) -> float:
     >>> round(chi_square_limit(0.99, 4), 2)
     13.28
     """
-    return float(chi2.ppf(probability, dof))
+    return float(2 * gammaincinv(dof / 2, probability))
 
 
 @lru_cache(maxsize=256)

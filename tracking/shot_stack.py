@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from palletloc.geometry import FloatArray
 from tracking.motion import Motion
+from tracking.state import Key
 
 TINY = 1e-12
-"""Variance added to steps of the random walk that have none."""
+"""Variance added to steps of the random walk that have none, in m^2 and rad^2: far below that of any measurement."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sighting:
     """A measurement of a pallet, level and on the floor plan: x, y and yaw in the forklift frame."""
 
-    pallet: Hashable
-    """Which pallet it is."""
+    pallet: Key
+    """The track of the pallet."""
     pose: FloatArray
     """(3,) in metres and radians."""
     own: FloatArray
@@ -30,7 +31,7 @@ class Sighting:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SeenFrom:
+class LatencyShot:
     """A shot, how the forklift came there, and how it went just before and after."""
 
     time: float
@@ -41,18 +42,18 @@ class SeenFrom:
     """(trials, 3) where the forklift was when the stamp is late by each trial offset, in its frame at the stamp."""
     jitter: FloatArray
     """(3, 3) covariance of the odometry's noise per second just there."""
-    sightings: tuple[Sighting, ...] = field(default=())
+    sightings: tuple[Sighting, ...] = ()
     """The pallets in it."""
-    rejected: tuple[Sighting, ...] = field(default=())
+    rejected: tuple[Sighting, ...] = ()
     """Those that the gate of their track rejected: a large latency may be why."""
 
 
-class Stack:
+class ShotStack:
     """Sightings as arrays, carried into the forklift's frame at the first shot.
 
     Parameters
     ----------
-    shots : sequence of SeenFrom
+    shots : sequence of LatencyShot
         All shots, in the order of time.
     chosen : sequence of (int, tuple of Sighting)
         Numbers of the shots that are compared, and which sightings in each.
@@ -61,28 +62,28 @@ class Stack:
     """
 
     def __init__(
-        self, shots: Sequence[SeenFrom], chosen: Sequence[tuple[int, tuple[Sighting, ...]]], mended: FloatArray
+        self, shots: Sequence[LatencyShot], chosen: Sequence[tuple[int, tuple[Sighting, ...]]], mended: FloatArray
     ) -> None:
         way = _Way(shots, mended)
         self.mended = mended
         numbers = np.array([i for i, _ in chosen])
-        self.look = np.repeat(np.arange(len(chosen)), [len(sightings) for _, sightings in chosen])
-        sightings = [one for _, several in chosen for one in several]
-        pallets = {one.pallet: None for one in sightings}
+        self.shot = np.repeat(np.arange(len(chosen)), [len(sightings) for _, sightings in chosen])
+        sightings = [sighting for _, several in chosen for sighting in several]
+        pallets = {sighting.pallet: None for sighting in sightings}
         order = {pallet: j for j, pallet in enumerate(pallets)}
-        self.pallet = np.array([order[one.pallet] for one in sightings])
-        self.path = way.path[numbers][self.look]
+        self.pallet = np.array([order[sighting.pallet] for sighting in sightings])
+        self.path = way.path[numbers][self.shot]
         stamped = way.poses[numbers]
         exposed = _composed(stamped[:, None], np.array([shots[i].around for i in numbers]))
-        seen = np.array([one.pose for one in sightings])
-        self.places = _composed(exposed[self.look], seen[:, None])
-        now = _composed(stamped[self.look], seen)
-        turn = _turns(stamped[self.look, 2])
-        self.own = turn @ np.array([one.own for one in sightings]) @ turn.transpose(0, 2, 1)
-        self.common = turn @ np.array([one.common for one in sightings])
+        seen = np.array([sighting.pose for sighting in sightings])
+        self.places = _composed(exposed[self.shot], seen[:, None])
+        now = _composed(stamped[self.shot], seen)
+        turn = _turns(stamped[self.shot, 2])
+        self.own = turn @ np.array([sighting.own for sighting in sightings]) @ turn.transpose(0, 2, 1)
+        self.common = turn @ np.array([sighting.common for sighting in sightings])
         self.lever = _levers(now)
         self.walk = np.diff(way.walk[numbers], axis=0, prepend=way.walk[numbers[:1]])
-        self.constants = self.lever @ way.constants[numbers][self.look]
+        self.constants = self.lever @ way.constants[numbers][self.shot]
         heading, place = _turns(stamped[:, 2]), _levers(-stamped)
         at_shot = place @ heading
         jitter = np.array([shots[i].jitter for i in numbers])
@@ -100,13 +101,13 @@ class Stack:
         """
         roots = np.linalg.cholesky(covariances + TINY * np.eye(3))
         parts = np.einsum("mn,mab,nbc->manc", reach, self.lever, roots, optimize=True)
-        return np.asarray(parts.reshape(3 * len(self.look), -1))
+        return np.asarray(parts.reshape(3 * len(self.shot), -1))
 
     def free(self, sigmas: FloatArray) -> FloatArray:
         """Return the (3 m, 3 p + 2) effect of the pallets' poses, and of odometry's constants in units of sigma."""
         count = int(self.pallet.max()) + 1
         pallets = np.einsum("mp,ab->mapb", np.eye(count)[self.pallet], np.eye(3))
-        rows = 3 * len(self.look)
+        rows = 3 * len(self.shot)
         return np.hstack([pallets.reshape(rows, 3 * count), (-self.constants * sigmas).reshape(rows, 2)])
 
     def shared(self, fades_over: float) -> FloatArray:
@@ -128,10 +129,10 @@ class Stack:
 class _Way:
     """How the forklift came to each shot, in its frame at the first one."""
 
-    def __init__(self, shots: Sequence[SeenFrom], mended: FloatArray) -> None:
+    def __init__(self, shots: Sequence[LatencyShot], mended: FloatArray) -> None:
         motions = [shot.motion for shot in shots]
-        constants = np.array([one.constants for one in motions])
-        steps = np.array([one.increment for one in motions]) + constants @ mended
+        constants = np.array([motion.constants for motion in motions])
+        steps = np.array([motion.increment for motion in motions]) + constants @ mended
         steps[0] = 0.0
         heading = np.cumsum(steps[:, 2])
         before = heading - steps[:, 2]
@@ -141,11 +142,11 @@ class _Way:
         self.poses = np.stack([x, y, heading], axis=1)
         # a step's error as a motion about the origin: it turns by its turn, with the step's end standing still
         about = _levers(-self.poses) @ _turns(before)
-        noise = np.array([one.covariance for one in motions])
+        noise = np.array([motion.covariance for motion in motions])
         noise[0], constants[0] = 0.0, 0.0
         self.walk = np.cumsum(about @ noise @ about.transpose(0, 2, 1), axis=0)
         self.constants = np.cumsum(about @ constants, axis=0)
-        self.path = np.cumsum([0.0, *(one.path for one in motions[1:])])
+        self.path = np.cumsum([0.0, *(motion.path for motion in motions[1:])])
 
 
 def _composed(first: FloatArray, second: FloatArray) -> FloatArray:

@@ -19,8 +19,8 @@ from palletloc.mounting import Mounting
 from palletloc.shelf import ShelfPlane
 from palletloc.shot import Shot
 from tracking.events import Event, EventKind
+from tracking.observation import ShotTaken
 from tracking.odometry import Odometry, samples_of
-from tracking.shot_taken import ShotTaken
 from tracking.tracker import Input, PalletTracker
 
 MOST_HELD = 32

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from tracking.clock import MOST_KEPT, Clock, Lateness
 from tracking.config import WindowConfig
+from tracking.window import MOST_KEPT, Arrival, Clock
 
 
 def running(time: float = 100.0) -> Clock:
@@ -17,14 +17,14 @@ def running(time: float = 100.0) -> Clock:
 def test_the_first_input_is_the_present() -> None:
     clock = Clock(WindowConfig())
     assert clock.newest == -math.inf
-    assert clock.judge(5.0) == Lateness(0.0)
+    assert clock.judge(5.0) == Arrival(0.0)
     assert (clock.newest, clock.horizon) == (5.0, 3.0)
 
 
 @pytest.mark.parametrize("time", [98.0, 99.5, 100.0, 101.0, 102.0])
 def test_inside_the_window_on_both_sides_inputs_are_in_time(time: float) -> None:
     clock = running()
-    assert clock.judge(time) == Lateness(100.0 - time)
+    assert clock.judge(time) == Arrival(100.0 - time)
     assert clock.newest == max(time, 100.0)
 
 
@@ -35,10 +35,10 @@ def test_a_late_input_is_late_and_no_jump() -> None:
 
 def test_a_pause_ends_with_the_second_input_ahead() -> None:
     clock = running()
-    assert clock.judge(130.0) == Lateness(-30.0, in_time=False, jumped=True)
+    assert clock.judge(130.0) == Arrival(-30.0, in_time=False, jumped=True)
     assert clock.newest == 100.0
     found = clock.judge(129.5)
-    assert found == Lateness(-29.5, follows=1)
+    assert found == Arrival(-29.5, follows=1)
     assert clock.newest == 130.0
 
 

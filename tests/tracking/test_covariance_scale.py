@@ -11,7 +11,7 @@ import pytest
 from palletloc.geometry import LevelPose, wrap_angle
 from tracking import EventKind, Odometry, PalletTracker, TrackerConfig
 from tracking.config import GateConfig, MeasurementErrors
-from tracking.gate import covariance_scale
+from tracking.gating import covariance_scale
 
 CONFIG = GateConfig()
 PALLET = LevelPose(6.0, 2.0, 0.0, math.pi / 2)
@@ -77,8 +77,8 @@ def outcome(draw_drive: Callable[..., Any], factor: float, runs: int, gate: Gate
 
 
 def test_a_localizer_that_is_too_sure_of_itself_is_scaled(draw_drive: Callable[..., Any]) -> None:
-    adapted = outcome(draw_drive, 4.0, 4)
-    plain = outcome(draw_drive, 4.0, 4, GateConfig(adapt_over=0))
+    adapted = outcome(draw_drive, 4.0, 2)
+    plain = outcome(draw_drive, 4.0, 2, GateConfig(adapt_over=0))
     assert adapted.nees < 0.7 * plain.nees
     assert adapted.gated < 0.5 * plain.gated
 

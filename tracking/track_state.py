@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.track_status import Status
-from tracking.belief import Belief, Rules
-from tracking.path import DrivenPath
-from tracking.track import Key, Track
+from tracking.belief import Belief, UpdateModel
+from tracking.driven_path import DrivenPath
+from tracking.state import Key
+from tracking.track import Track
 
 
 class Knowledge(StrEnum):
@@ -53,7 +55,7 @@ class TrackState:
 
 
 def states_at(
-    time: float, belief: Belief, path: DrivenPath, numbers: Mapping[Key, int], rules: Rules
+    time: float, belief: Belief, path: DrivenPath, numbers: Mapping[Key, int], model: UpdateModel
 ) -> tuple[TrackState, ...]:
     """Return the states of all tracks at a time.
 
@@ -67,7 +69,7 @@ def states_at(
         The odometry.
     numbers : mapping
         Numbers of tracks.
-    rules : Rules
+    model : UpdateModel
         Parameters and filter.
 
     Returns
@@ -77,21 +79,21 @@ def states_at(
     """
     if belief.time is None:
         return ()
-    live = [track for track in belief.tracks if not track.is_too_old(time, rules.config.life)]
+    live = [track for track in belief.tracks if not track.is_too_old(time, model.config.life)]
     motion = path.extrapolated(belief.time, time) if live else None
     moved = [track.state for track in live]
     if motion is not None and motion.duration > 0:
-        moved = [one.state for one in rules.engine.predicted(moved, motion)]
+        moved = model.filter.predict(moved, motion)
     beyond = not path.is_between_samples(time)
     states = [
-        _state(replace(track, state=state), numbers[track.key], time, beyond, rules)
+        _state(replace(track, state=state), numbers[track.key], time, beyond, model)
         for track, state in zip(live, moved, strict=True)
     ]
-    return tuple(sorted(states, key=lambda one: one.track))
+    return tuple(sorted(states, key=lambda state: state.track))
 
 
-def _state(track: Track, number: int, time: float, beyond: bool, rules: Rules) -> TrackState:
-    status = track.status(time, rules.config.life)
+def _state(track: Track, number: int, time: float, beyond: bool, model: UpdateModel) -> TrackState:
+    status = track.status(time, model.config.life)
     if time == track.seen:
         known = Knowledge.EXACT
     elif beyond:
@@ -108,5 +110,5 @@ def _state(track: Track, number: int, time: float, beyond: bool, rules: Rules) -
         track.covariance,
         time - track.seen,
         track.hits,
-        track.nis,
+        math.nan if track.nis is None else track.nis,
     )

@@ -10,10 +10,9 @@ from hypothesis import strategies as st
 
 from palletloc.geometry import LevelPose, wrap_angle
 from palletloc.trajectory import Trajectory
+from tracking.driven_path import MOST_KEPT, UNKNOWN_SPEED, DrivenPath
 from tracking.motion import Twist, chain
-from tracking.odometry import Odometry, OdometryNoise
-from tracking.path import MOST_KEPT, UNKNOWN_SPEED, DrivenPath
-from tracking.path_limits import PathLimits
+from tracking.odometry import Odometry, OdometryNoise, PathLimits
 
 NOISE = OdometryNoise()
 

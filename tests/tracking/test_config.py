@@ -13,8 +13,7 @@ import yaml
 from palletloc.config import LocalizerConfig
 from palletloc.io.config_file import OTHER_SECTIONS, format_config, read_config
 from palletloc.io.reading import InputError
-from tracking.config import TrackerConfig
-from tracking.parameters import RANGES, SECTION, format_tracker_config, read_tracker_config
+from tracking.config import RANGES, SECTION, TrackerConfig, format_tracker_config, read_tracker_config
 
 DEFAULT = TrackerConfig()
 

@@ -12,7 +12,7 @@ import yaml
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from calibration.intrinsics.task import Chessboard
-from calibration.targets import CharucoBoard
+from calibration.targets.targets import CharucoBoard
 from palletloc import read_camera
 from palletloc.__main__ import COMMANDS
 from palletloc.cameras import CameraModel, Eucm

@@ -12,7 +12,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from calibration.intrinsics.board_views import numbered_boards
 from calibration.lenses.problem import BoardView
-from calibration.targets import CharucoBoard
+from calibration.targets.targets import CharucoBoard
 from palletloc import read_camera
 from palletloc.__main__ import COMMANDS
 from palletloc.cameras import DualFisheye, FisheyeLens, KannalaBrandt

@@ -10,7 +10,7 @@ import pytest
 import yaml
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from calibration.targets import CharucoBoard
+from calibration.targets.targets import CharucoBoard
 from palletloc import read_camera
 from palletloc.__main__ import COMMANDS
 from palletloc.cameras import CameraModel, Equirectangular, StitchedEquirectangular, StitchedLens

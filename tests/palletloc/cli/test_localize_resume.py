@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from palletloc.recording_run import Job
 
 from palletloc.geometry import Image
 from palletloc.io.recording import Recording, ShotFile
+from palletloc.recording_run import Job
 
 Localize = Callable[..., int]
 Contents = Callable[[], dict[str, str]]

@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 import pytest
 import yaml
-from palletloc.offline import Job
 
 from palletloc.__main__ import COMMANDS
 from palletloc.cli.app import run
@@ -22,6 +21,7 @@ from palletloc.io.recording import Recording, Shot, read_recording
 from palletloc.io.tracks import read_tracks
 from palletloc.io.truth import TruePallet, Truth, write_truth
 from palletloc.measurement import PalletMeasurement, YawSource
+from palletloc.recording_run import Job
 from palletloc.track_status import Status
 from tracking.config import TrackerConfig
 from tracking.files import read_events

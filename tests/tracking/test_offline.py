@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from palletloc.offline import read_job
 from scipy.spatial.transform import RigidTransform
 
 from palletloc.cameras import Equirectangular
@@ -20,6 +19,7 @@ from palletloc.io.tracks import TrackRow, read_tracks
 from palletloc.io.truth import read_truth
 from palletloc.measurement import PalletMeasurement, YawSource
 from palletloc.pallet import Opening, PalletModel
+from palletloc.recording_run import read_job
 from palletloc.shelf import ShelfPlane
 from palletloc.track_status import Status
 from palletloc.trajectory import Trajectory

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from palletloc.offline import shelf_at
 
 from palletloc.errors import PalletLocError
 from palletloc.geometry import Image, LevelPose, level_pose
@@ -16,6 +15,7 @@ from palletloc.io.images import ImageError
 from palletloc.io.recording import read_recording
 from palletloc.localizer import Localizer
 from palletloc.measurement import PalletMeasurement, YawSource
+from palletloc.recording_run import shelf_at
 from palletloc.shelf import ShelfPlane
 from tracking.config import MeasurementErrors, TrackerConfig
 from tracking.events import Event, EventKind

@@ -11,15 +11,15 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from palletloc.candidate import ShotView
 from palletloc.choices import Method
 from palletloc.geometry import Image, LevelPose
 from palletloc.localizer import Explanation, Localizer, Start
 from palletloc.pallet import PalletModel
 from palletloc.shelf import ShelfPlane
+from palletloc.shot import Shot
 
 Placed = tuple[PalletModel, LevelPose]
-Scene = tuple[ShotView, tuple[Placed, ...], ShelfPlane]
+Scene = tuple[Shot, tuple[Placed, ...], ShelfPlane]
 Scenes = Callable[[str], Scene]
 Faults = Callable[..., list[str]]
 Makes = Callable[..., Localizer]
@@ -69,19 +69,19 @@ def washed_out(image: Image, fill: int, begin: float, share: float, upright: boo
 
 def looked_at(found: Localizer, image: Image, scene: Scene, known: bool = True) -> list[Explanation]:
     """Return what is detected in an image, and what the starts give that were right for the scene's own image."""
-    _, pallets, shelf = scene
+    shot, pallets, shelf = replace(scene[0], image=image), *scene[1:]
     levels = shelf.levels if known else ()
     starts = [Start(model.name, pose) for model, pose in pallets]
     return [
-        found.explain(image, 0.0, replace(shelf, levels=levels)),
-        found.explain_from(image, 0.0, starts, levels),
+        found.explain(shot, replace(shelf, levels=levels)),
+        found.explain_from(shot, starts, levels),
     ]
 
 
 @pytest.mark.parametrize("name", ["floor", "rack", "fisheye", "pinhole"])
 def test_the_law_is_not_kept_by_finding_nothing(name: str, scenes: Scenes, localizer: Makes, faults: Faults) -> None:
     scene = shot, pallets, _ = scenes(name)
-    for explained in looked_at(localizer(shot, pallets), shot.image, scene):
+    for explained in looked_at(localizer(pallets), shot.image, scene):
         assert faults(explained, pallets) == []
         assert len(explained.measurements) >= len(pallets) - (name == "rack")
         assert len(faults(explained, ())) == len(explained.measurements)
@@ -93,7 +93,7 @@ def empty(scenes: Scenes, localizer: Makes, faults: Faults) -> Check:
 
     def checked(name: str, make: Callable[[Image], Image], known: bool = True) -> None:
         scene = shot, pallets, _ = scenes(name)
-        for explained in looked_at(localizer(shot, pallets), make(shot.image), scene, known):
+        for explained in looked_at(localizer(pallets), make(shot.image), scene, known):
             assert faults(explained) == []
 
     return checked
@@ -105,7 +105,7 @@ def spoiled(scenes: Scenes, localizer: Makes, faults: Faults) -> Check:
 
     def checked(name: str, make: Callable[[Image], Image], known: bool = True) -> None:
         scene = shot, pallets, _ = scenes(name)
-        for explained in looked_at(localizer(shot, pallets), make(shot.image), scene, known):
+        for explained in looked_at(localizer(pallets), make(shot.image), scene, known):
             assert faults(explained, pallets) == []
 
     return checked

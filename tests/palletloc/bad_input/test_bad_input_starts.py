@@ -10,16 +10,17 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from palletloc.candidate import ShotView
 from palletloc.choices import Method
 from palletloc.geometry import LevelPose
-from palletloc.localizer import METHODS, Explanation, Localizer, Start
+from palletloc.localizer import Explanation, Localizer, Start
 from palletloc.measurement import Reason, Stage
+from palletloc.methods import METHODS
 from palletloc.pallet import PalletModel
 from palletloc.shelf import ShelfPlane
+from palletloc.shot import Shot
 
 Placed = tuple[PalletModel, LevelPose]
-Scene = tuple[ShotView, tuple[Placed, ...], ShelfPlane]
+Scene = tuple[Shot, tuple[Placed, ...], ShelfPlane]
 Scenes = Callable[[str], Scene]
 Faults = Callable[..., list[str]]
 Makes = Callable[..., Localizer]
@@ -42,7 +43,7 @@ anywhere = st.builds(
 )
 
 
-def far_off(shot: ShotView, pose: LevelPose, farther: float, turn: float) -> LevelPose:
+def far_off(shot: Shot, pose: LevelPose, farther: float, turn: float) -> LevelPose:
     """Return a pose that is moved along its viewing ray, at its own height, and turned."""
     center = shot.mounting.center
     ray = np.array([pose.x, pose.y]) - center[:2]
@@ -57,8 +58,8 @@ def started(scenes: Scenes, localizer: Makes, faults: Faults) -> Check:
     def checked(name: str, starts: Sequence[Start], known: bool = True) -> Explanation:
         shot, pallets, shelf = scenes(name)
         levels = shelf.levels if known else ()
-        explained = localizer(shot, pallets).explain_from(shot.image, 0.0, starts, levels)
-        assert [one.model.name for one in explained.candidates] == [start.model for start in starts]
+        explained = localizer(pallets).explain_from(shot, starts, levels)
+        assert [outcome.candidate.model.name for outcome in explained.outcomes] == [start.model for start in starts]
         assert faults(explained, pallets) == []
         return explained
 
@@ -73,8 +74,8 @@ def test_a_start_that_is_not_finite_is_refused_as_such(
 ) -> None:
     shot, pallets, _ = scenes(name)
     model, pose = pallets[0]
-    found = Localizer(shot.projector.camera, shot.mounting, [model], every)
-    explained = found.explain_from(shot.image, 0.0, [Start(model.name, replace(pose, **changed))], (0.0,))
+    found = Localizer([model], every)
+    explained = found.explain_from(shot, [Start(model.name, replace(pose, **changed))], (0.0,))
     assert explained.measurements == []
     assert [(one.stage, one.reason) for one in explained.refusals] == [(Stage.START, Reason.NOT_FINITE)]
 
@@ -87,8 +88,8 @@ def test_a_start_that_is_no_place_is_refused_before_any_step(
 ) -> None:
     shot, pallets, _ = scenes(name)
     model, pose = pallets[0]
-    found = Localizer(shot.projector.camera, shot.mounting, [model], every)
-    explained = found.explain_from(shot.image, 0.0, [Start(model.name, replace(pose, **{field: value}))], (0.0,))
+    found = Localizer([model], every)
+    explained = found.explain_from(shot, [Start(model.name, replace(pose, **{field: value}))], (0.0,))
     assert explained.measurements == []
     assert [one.stage for one in explained.refusals] == [Stage.START]
 
@@ -115,8 +116,8 @@ def test_a_start_that_the_camera_cannot_see_is_refused_with_its_reason(
 ) -> None:
     shot, pallets, _ = scenes(name)
     model, pose = pallets[0]
-    found = Localizer(shot.projector.camera, shot.mounting, [model], every)
-    explained = found.explain_from(shot.image, 0.0, [Start(model.name, replace(pose, **moved))])
+    found = Localizer([model], every)
+    explained = found.explain_from(shot, [Start(model.name, replace(pose, **moved))])
     assert explained.measurements == []
     assert {one.reason for one in explained.refusals} <= reasons
     assert {one.stage for one in explained.refusals} == {Stage.START}
@@ -125,10 +126,8 @@ def test_a_start_that_the_camera_cannot_see_is_refused_with_its_reason(
 def test_levels_that_are_not_finite_are_no_levels(scenes: Scenes, localizer: Makes) -> None:
     shot, pallets, _ = scenes("pinhole")
     model, pose = pallets[0]
-    found = localizer(shot, pallets).explain_from(
-        shot.image, 0.0, [Start(model.name, pose)], (np.nan, np.inf, -np.inf)
-    )
-    assert [one.height for one in found.candidates] == [None]
+    found = localizer(pallets).explain_from(shot, [Start(model.name, pose)], (np.nan, np.inf, -np.inf))
+    assert [outcome.candidate.height for outcome in found.outcomes] == [None]
 
 
 @FEW

@@ -5,11 +5,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from palletloc.offline import Job
 
 from palletloc.cli.app import run
 from palletloc.geometry import Image
 from palletloc.io.recording import Recording, Shot
+from palletloc.recording_run import Job
 
 NAMES = ["measurements.csv", "refusals.csv", "run.json"]
 STARTS = """\

@@ -31,8 +31,7 @@ Empties = Callable[[int], Empty]
 Faults = Callable[..., list[str]]
 Makes = Callable[..., Localizer]
 
-EXAMPLES = settings().max_examples
-FEW = settings(max_examples=EXAMPLES * 6 // 100, phases=[Phase.generate])
+FEW = settings(max_examples=settings().max_examples * 6 // 100, phases=[Phase.generate])
 LEVELS = (0.0, 1.4)
 CAMERAS = ((CameraKind.PINHOLE, 640), (CameraKind.KANNALA_BRANDT, 800), (CameraKind.EQUIRECTANGULAR, 1280))
 BEGIN, END = -0.5, 3.5

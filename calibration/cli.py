@@ -14,7 +14,6 @@ from rich.text import Text
 from palletloc.errors import PalletLocError
 
 if TYPE_CHECKING:
-    from calibration.outcome import Outcome
     from calibration.sections import ResultPage
 
 app = typer.Typer(no_args_is_help=True, help="Calibrate the camera's mounting, lenses and shelf plane; make targets.")
@@ -32,18 +31,22 @@ def extrinsics(
     ] = None,
 ) -> None:
     """Find the camera's pose on the forklift from surveyed targets; or check it by a drive past targets."""
-    from calibration.motion.run import calibrate_motion  # numpy, cv2 and matplotlib take a second
-    from calibration.run import calibrate_extrinsics
+    from calibration import calibrate_motion, calibrate_mounting  # numpy, cv2 and matplotlib take a second
+    from calibration.motion.report import motion_page
+    from calibration.mounting.report import mounting_page
+    from calibration.outcome import write_result
 
     _expect(out, ".yaml", ".yml")
     with _progress() as told:
         if folder is not None and motion is None:
-            outcome = calibrate_extrinsics(folder, out, told)
+            page = mounting_page(calibrate_mounting(folder, told))
         elif motion is not None and folder is None:
-            outcome = calibrate_motion(motion, out, told)
+            page = motion_page(calibrate_motion(motion, told))
         else:
             raise typer.BadParameter("expected one of FOLDER and --motion RECORDING")
-    _conclude(outcome)
+        told("writing the report")
+        files = write_result(page, out)
+    _finish(page, files)
 
 
 @app.command("plan")
@@ -54,11 +57,14 @@ def plan(
     ] = None,
 ) -> None:
     """Predict how well planned targets will give the camera's pose, before anything is hung or driven."""
-    from calibration.plan.run import plan_layout
+    from calibration import plan_targets
+    from calibration.outcome import write_result
+    from calibration.plan.report import plan_page
 
     if out is not None:
         _expect(out, ".html")
-    _conclude(plan_layout(layout, out))
+    page = plan_page(plan_targets(layout))
+    _finish(page, () if out is None else write_result(page, out))
 
 
 @app.command("shelf")
@@ -148,18 +154,6 @@ def _finish(page: ResultPage, files: Sequence[Path]) -> NoReturn:
     raise typer.Exit(page.exit_code)
 
 
-def _conclude(outcome: Outcome) -> None:
-    """Print what a run did, and end with its exit code."""
-    console = Console()
-    for part in outcome.summary:
-        console.print(part)
-    for path in outcome.files:
-        console.print(Text(f"written: {path}"), soft_wrap=True)
-    for line in outcome.reasons:
-        typer.echo(f"palletloc: {line}", err=True)
-    raise typer.Exit(outcome.exit_code)
-
-
 @app.command("board")
 def board(
     out: Annotated[Path, typer.Option(metavar="PDF", help="File to write.")],
@@ -172,8 +166,8 @@ def board(
     tag: Annotated[bool, typer.Option("--tag", help="A single marker instead of a board.")] = False,
 ) -> None:
     """Make a printable board or tag at true scale, with a ruler to check the print."""
-    from calibration.board_pdf import board_pdf, target_yaml
-    from calibration.targets import CharucoBoard, SingleTag
+    from calibration.targets.board_pdf import board_pdf, target_yaml
+    from calibration.targets.targets import CharucoBoard, SingleTag
     from palletloc.io.atomic import write_bytes
 
     _expect(out, ".pdf")

@@ -2,29 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-
-from rich.console import RenderableType
 
 from calibration.findings import PASS
 from calibration.result_page import html_text, json_text
 from calibration.sections import ResultPage
 from palletloc.io.atomic import write_text
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """What a run did."""
-
-    exit_code: int
-    """Of the program."""
-    summary: tuple[RenderableType, ...]
-    """To be printed."""
-    files: tuple[Path, ...]
-    """What was written."""
-    reasons: tuple[str, ...]
-    """Why it failed, and what is restricted: one line each."""
 
 
 def write_result(result: ResultPage, out: Path) -> tuple[Path, ...]:
@@ -49,8 +32,8 @@ def write_result(result: ResultPage, out: Path) -> tuple[Path, ...]:
     OutputError
         If a file cannot be written.
     """
-    passed = result.exit_code == PASS and result.content is not None
-    stem = out.with_suffix("") if passed else free_stem(out)
+    passed = result.exit_code == PASS
+    stem = out.with_suffix("") if passed else _free_stem(out)
     report = write_report(result, stem.with_name(stem.name + ".html"))
     if not passed or result.content is None:
         return report
@@ -84,19 +67,8 @@ def write_report(result: ResultPage, page: Path) -> tuple[Path, Path]:
     return page, numbers
 
 
-def free_stem(out: Path) -> Path:
-    """Return a name for the reports of a failed run under which there is nothing yet.
-
-    Parameters
-    ----------
-    out : Path
-        The file that a run that passes would have written.
-
-    Returns
-    -------
-    Path
-        Without an ending.
-    """
+def _free_stem(out: Path) -> Path:
+    """Return a name without an ending, beside a file, under which there is no report yet."""
     stem = out.with_suffix("")
     for number in range(1, 10_000):
         free = stem.with_name(f"{stem.name}.failed" + (f"-{number}" if number > 1 else ""))

@@ -12,13 +12,13 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from calibration.bearing_dlt import pose_from_bearings
-from calibration.board_detection import SCALES, Marker, detect_markers
+from calibration.bearings import pose_from_bearings
 from calibration.intrinsics.corner_file import read_corners
 from calibration.intrinsics.task import Chessboard, IntrinsicsTask
 from calibration.lenses.problem import BoardView
-from calibration.targets import CharucoBoard, Pattern, patterns
-from calibration.texture_alignment import AlignedCorners, align_corners, on_board
+from calibration.targets.board_detection import SCALES, Marker, detect_markers
+from calibration.targets.targets import CharucoBoard, PrintedPattern, on_board, patterns
+from calibration.targets.texture_alignment import AlignedCorners, align_corners
 from palletloc.cameras import CameraModel, KannalaBrandt
 from palletloc.geometry import FloatArray, Image
 from palletloc.io.images import read_image
@@ -46,7 +46,7 @@ class Collected:
     """Views that are the same as an earlier one, with that one."""
     empty: tuple[str, ...] = ()
     """Shots without a board."""
-    patterns: Mapping[str, Pattern] = field(default_factory=dict)
+    patterns: Mapping[str, PrintedPattern] = field(default_factory=dict)
     """Of the ChArUco boards, by view."""
     shots: Mapping[str, str] = field(default_factory=dict)
     """The shot of each view."""
@@ -56,7 +56,7 @@ class _SeenBoard(NamedTuple):
     """A board in a shot."""
 
     view: BoardView
-    pattern: Pattern | None
+    pattern: PrintedPattern | None
 
 
 def collect(task: IntrinsicsTask, on_progress: Callable[[str], None] = lambda _: None) -> Collected:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from calibration.bearing_dlt import pose_from_bearings
+from calibration.bearings import pose_from_bearings
 from calibration.lenses.fit import LensFit, NoStartError, refined
 from calibration.lenses.linking import link
 from calibration.lenses.models import MODELS

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from calibration.bearing_dlt import cross_matrices
+from calibration.bearings import cross_matrices
 from calibration.lenses.linking import link
 from calibration.lenses.models import LensModel
 from calibration.lenses.problem import BoardView, LensProblem, Rig, adjust, shared_covariance

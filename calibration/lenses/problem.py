@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from calibration.bearing_dlt import cross_matrices
+from calibration.bearings import cross_matrices
 from calibration.lenses.descent import descend, finite_cost
 from calibration.lenses.models import LensModel
 from palletloc.geometry import BoolArray, FloatArray

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 
 from calibration.drive import relative
-from calibration.patches import sample
 from calibration.shelf.plane import Foot, PlaneEstimate
+from calibration.targets.patches import sample
 from palletloc.geometry import FloatArray, Image
 from palletloc.io.recording import Recording
 from palletloc.robust import cauchy_weights, reweighted, robust_sigma

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from calibration.patches import cut_patch, pixel_density
+from calibration.targets.patches import cut_patch, pixel_density
 from palletloc.cameras.protocol import CameraModel
 from palletloc.geometry import FloatArray, Image
 from palletloc.mounting import Mounting

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.bearing_dlt import pose_from_bearings
-from calibration.board_detection import SCALES, detect_markers
+from calibration.bearings import pose_from_bearings
 from calibration.drive import compose
-from calibration.observations import observe
 from calibration.shelf.plane import Foot, PlaneEstimate, depth_residuals, robust_plane
-from calibration.targets import SingleTag
-from calibration.texture_alignment import on_board
+from calibration.targets.board_detection import SCALES, detect_markers
+from calibration.targets.observations import observe
+from calibration.targets.targets import SingleTag, on_board
 from palletloc.geometry import FloatArray
 from palletloc.io.recording import Recording
 

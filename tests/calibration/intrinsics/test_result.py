@@ -13,7 +13,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from calibration.formats.camera_file import read_own
 from calibration.intrinsics.board_views import numbered_boards
 from calibration.lenses.problem import BoardView
-from calibration.targets import CharucoBoard
+from calibration.targets.targets import CharucoBoard
 from palletloc.__main__ import COMMANDS
 from palletloc.cameras import DualFisheye, FisheyeLens, KannalaBrandt
 from palletloc.cli.app import run

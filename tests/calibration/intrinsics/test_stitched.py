@@ -11,7 +11,7 @@ import yaml
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from calibration.formats.camera_file import read_own
-from calibration.targets import CharucoBoard
+from calibration.targets.targets import CharucoBoard
 from palletloc.__main__ import COMMANDS
 from palletloc.cameras import CameraModel, Equirectangular, StitchedEquirectangular, StitchedLens
 from palletloc.cli.app import run

@@ -8,17 +8,16 @@ import pytest
 import yaml
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from calibration.consensus import agree
-from calibration.extrinsics import solve, turn_to
-from calibration.network import Survey
+from calibration.mounting.consensus import agree
+from calibration.mounting.fit import fit_mounting, turn_to
+from calibration.mounting.problem import SurveyedTarget
 from calibration.plan.assessment import assess_plan
 from calibration.plan.prediction import Layout, PlannedTarget, predict
-from calibration.simulated_yard import Yard, YardErrors, boards_around, facing, simulate_yard
-from calibration.targets import CharucoBoard, SingleTag, patterns
-from calibration.texture_alignment import on_board
+from calibration.targets.targets import CharucoBoard, SingleTag, facing, on_board, patterns
 from palletloc.__main__ import COMMANDS
 from palletloc.cameras import Equirectangular, Pinhole
 from palletloc.cli.app import run
+from tests.calibration.simulated_yard import Yard, YardErrors, boards_around, simulate_yard
 
 CAMERA = Equirectangular(3840, 1920)
 BOARD, TAG = CharucoBoard(4, 3, 0.12, 0.09, "DICT_4X4_250"), SingleTag(0.2, "DICT_APRILTAG_36h11", 0)
@@ -35,7 +34,7 @@ def layout_of(
     pattern = patterns(target)[0]
     outline = on_board(pattern.outline)
     planned = [
-        PlannedTarget(pattern, Survey(f"B{k}", outline, pose.apply(outline), errors.survey))
+        PlannedTarget(pattern, SurveyedTarget(f"B{k}", outline, pose.apply(outline), errors.survey))
         for k, pose in enumerate(boards)
     ]
     return Layout(CAMERA, camera_pose, tuple(planned), 0.1, errors.bearing)
@@ -47,7 +46,7 @@ def test_what_is_predicted_is_what_the_fit_states(
 ) -> None:
     errors = YardErrors(survey=0.001, bearing=1e-4, drawn=False)
     drawn = yard(azimuths, 3, errors, BOARD)
-    jacobian = drawn.network.jacobian(drawn.truth)
+    jacobian = drawn.problem.jacobian(drawn.truth)
     expected = np.linalg.inv(jacobian.T @ jacobian)[:6, :6]
     boards = boards_around(forklift_from_camera.translation, azimuths, 3)
     actual = predict(layout_of(boards, BOARD, errors, forklift_from_camera)).covariance
@@ -62,9 +61,9 @@ def test_simulated_calibrations_scatter_as_predicted(forklift_from_camera: Rigid
     off = []
     for seed in range(count):
         drawn = simulated(boards, errors, forklift_from_camera, seed)
-        start = agree(drawn.network)
+        start = agree(drawn.problem)
         assert start is not None
-        camera = solve(start.network, start.poses).poses.camera
+        camera = fit_mounting(start.problem, start.poses).poses.camera
         turned = turn_to(forklift_from_camera.rotation, camera.rotation)
         off.append([*(camera.translation - forklift_from_camera.translation), *turned])
     scatter = np.sqrt(np.mean(np.square(off), axis=0))
@@ -125,8 +124,8 @@ def test_one_wall_has_the_published_sigmas_and_is_refused(tmp_path: Path, capsys
     centers = [[3.3, y, z] for y in (-1.0, 1.0) for z in (1.4, 2.4)]
 
     def face(content: dict[str, Any]) -> None:
-        for one in content["targets"].values():
-            one["facing_deg"] = 180.0
+        for target in content["targets"].values():
+            target["facing_deg"] = 180.0
 
     assert plan(write(tmp_path, centers, face), "--out", str(tmp_path / "plan.html")) == 3
     told = capsys.readouterr()
@@ -153,8 +152,8 @@ def test_degenerate_layouts_are_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], centers: list[list[float]], code: str
 ) -> None:
     def face(content: dict[str, Any]) -> None:
-        for one in content["targets"].values():
-            one["facing_deg"] = 180.0
+        for target in content["targets"].values():
+            target["facing_deg"] = 180.0
 
     assert plan(write(tmp_path, centers, face)) == 3
     assert f"degenerate: {code}:" in capsys.readouterr().err
@@ -172,7 +171,7 @@ def test_one_more_target_helps_as_much_as_promised() -> None:
     shape = model.survey.outline
     pose = facing(middle, EYE.translation)
     points = pose.apply(shape) - pose.rotation.apply((shape[1] + shape[2]) / 2)
-    more = PlannedTarget(model.pattern, Survey("N", shape, points, 0.001))
+    more = PlannedTarget(model.pattern, SurveyedTarget("N", shape, points, 0.001))
     after = predict(Layout(CAMERA, EYE, (*layout.targets, more), 0.1, 2e-4)).sigma
     np.testing.assert_allclose(after, offer.sigma, rtol=1e-6)
     assert (after < before.prediction.sigma).all()
@@ -183,16 +182,16 @@ def test_a_target_that_is_not_seen_gives_nothing() -> None:
     boards = boards_around(EYE.translation, (0.2, -0.3, 3.0), 2)
     layout = layout_of(boards, BOARD, YardErrors())
     told = assess_plan(Layout(camera, EYE, layout.targets, 0.1))
-    assert [one.found for one in told.prediction.sights] == [True, True, False]
-    assert "not_in_view" in {one.code for one in told.findings}
+    assert [target.found for target in told.prediction.targets] == [True, True, False]
+    assert "not_in_view" in {finding.code for finding in told.findings}
     np.testing.assert_allclose(told.prediction.without(2), told.prediction.sigma)
 
 
 def key(*keys: str, value: object) -> Callable[[dict[str, Any]], None]:
     def change(content: dict[str, Any]) -> None:
         place: Any = content
-        for one in keys[:-1]:
-            place = place[one]
+        for key in keys[:-1]:
+            place = place[key]
         place[keys[-1]] = value
 
     return change

@@ -1,0 +1,124 @@
+"""What all adjustments share: a robust descent, the gate for outliers, and the factors that residuals tell.
+
+The descent is SciPy's (trust region reflective). Residuals are in units of their standard deviations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Literal, Protocol, Self, TypeVar
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.stats import chi2
+
+from palletloc.geometry import BoolArray, FloatArray
+
+SOFT = 2.0
+"""Residuals well beyond this many standard deviations count by their size instead of their square (soft l1)."""
+MEDIAN_LENGTH = 1.1774
+"""Median length of two unit normal numbers: sqrt(2 ln 2)."""
+_GATE = 4.0
+"""A corner farther off than this many robust standard deviations is an outlier: one good corner in 3000 is lost."""
+_CONTRADICTION = 0.01
+"""Stated errors are believed unless the residuals are less probable than this."""
+
+
+class Movable(Protocol):
+    """Values of unknowns that can be moved."""
+
+    def moved(self, step: FloatArray) -> Self:
+        """Return the values after a step."""
+
+
+State = TypeVar("State", bound=Movable)
+
+
+def descend(
+    residuals: Callable[[State], FloatArray],
+    start: State,
+    scale: FloatArray,
+    loss: Literal["linear", "soft_l1"],
+    derivatives: Callable[[State, FloatArray], FloatArray] | None = None,
+    evaluations: int = 40,
+    tolerance: float = 1e-8,
+) -> State:
+    """Return the values with the least sum of losses, from a start near it.
+
+    Parameters
+    ----------
+    residuals : callable
+        Returns the residuals of values, (m,).
+    start : State
+        Where to begin.
+    scale : (n,) array
+        A small step of each unknown.
+    loss : str
+        ``soft_l1`` where observations may be wrong.
+    derivatives : callable, optional
+        Returns the derivatives of the residuals by a step from the start, (m, n), for the moved values and the step;
+        differences without it.
+    evaluations : int
+        How many are made at most.
+    tolerance : float
+        The descent ends where a step is smaller than this part of the values.
+    """
+
+    def at(step: FloatArray) -> FloatArray:
+        return residuals(start.moved(step))
+
+    fit = partial(
+        least_squares,
+        at,
+        np.zeros(len(scale)),
+        loss=loss,
+        f_scale=SOFT,
+        x_scale=scale,
+        max_nfev=evaluations,
+        xtol=tolerance,
+    )
+    if derivatives is None:
+        return start.moved(np.asarray(fit().x, dtype=np.float64))
+
+    def slope(step: FloatArray) -> FloatArray:
+        return derivatives(start.moved(step), step)
+
+    return start.moved(np.asarray(fit(jac=slope).x, dtype=np.float64))
+
+
+def inverse_normal(jacobian: FloatArray) -> FloatArray:
+    """Return the covariance that derivatives in units of standard deviations give, (n, n).
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the observations leave a direction entirely free.
+    """
+    covariance = np.asarray(np.linalg.inv(jacobian.T @ jacobian), dtype=np.float64)
+    return (covariance + covariance.T) / 2
+
+
+def redundancies(jacobian: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Return the part of each residual that the unknowns do not take, (m,), from 0 to 1."""
+    return np.asarray(1 - np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian))
+
+
+def within_gate(residuals: FloatArray) -> BoolArray:
+    """Return which pairs of residuals, (m, 2), lie within four robust standard deviations, not below the stated."""
+    length = np.linalg.norm(residuals, axis=-1)
+    return np.asarray(length < _GATE * max(1.0, float(np.median(length)) / MEDIAN_LENGTH))
+
+
+def told_factor(square: float, redundancy: float) -> float:
+    """Return the factor on stated standard deviations that residuals tell; one unless they contradict them.
+
+    Parameters
+    ----------
+    square : float
+        Sum of the squared residuals in units of the stated standard deviations.
+    redundancy : float
+        Their number less what the unknowns take from it.
+    """
+    wrong = redundancy > 1 and square > chi2.isf(_CONTRADICTION, redundancy)
+    return max(1.0, float(np.sqrt(square / redundancy))) if wrong else 1.0

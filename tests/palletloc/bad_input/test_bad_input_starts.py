@@ -205,12 +205,18 @@ def test_two_starts_on_one_pallet_lead_to_one_pose(
 def test_no_start_around_a_pallet_gives_a_wrong_row(
     started: Check, scenes: Scenes, name: str, moves: tuple[Moves, ...], known: bool
 ) -> None:
-    around(name, moves, known, scenes, started)
-
-
-def around(name: str, moves: Sequence[Moves], known: bool, scenes: Scenes, started: Check) -> None:
     starts = [
         Start(model.name, LevelPose(*(pose.as_array() + move).tolist()))
         for (model, pose), move in zip(scenes(name)[1], moves, strict=False)
     ]
     started(name, starts, known)
+
+
+@pytest.mark.parametrize("method", [Method.REFINED], ids=str, indirect=True)
+@pytest.mark.xfail(
+    raises=AssertionError, reason="from 0.7 m aside, a confident row half an opening off, at 60 sigmas"
+)
+def test_a_start_farther_aside_than_an_opening_gives_no_wrong_row(scenes: Scenes, started: Check) -> None:
+    model, pose = scenes("rack")[1][2]
+    move = np.array([-0.705303716973279, -0.43117586641955463, -0.23272903984143478, 0.2225154874505622])
+    started("rack", [Start(model.name, LevelPose(*(pose.as_array() + move).tolist()))])

@@ -1,7 +1,7 @@
 """What all adjustments share: two descents, the gate for outliers, and the factors that residuals tell.
 
-`descend` is SciPy's (trust region reflective). `descend_damped` leaves the equations of a step to the problem, which can
-eliminate what stands in few of them: D. W. Marquardt, "An algorithm for least-squares estimation of nonlinear
+`descend` is SciPy's (trust region reflective). `descend_damped` leaves the equations of a step to the problem, which
+can eliminate what stands in few of them: D. W. Marquardt, "An algorithm for least-squares estimation of nonlinear
 parameters", SIAM J. 11(2), 1963. Residuals are in units of their standard deviations.
 """
 

@@ -6,20 +6,19 @@ Ours is the key ``camera`` of recording.yaml, rig.yaml and the files that a cali
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from calibration.formats.fields import Fields, FormatError, read_yaml
+from calibration.formats.fields import Fields, FormatError
 from calibration.lenses.models import MODELS, OPTICAL_FROM_CAMERA, model_of
 from palletloc.cameras import CameraModel, DualFisheye, FisheyeLens, KannalaBrandt
 from palletloc.geometry import FloatArray
-from palletloc.io.camera_spec import camera_from_spec, spec_from_camera
+from palletloc.io.camera_spec import spec_from_camera
 from palletloc.io.schema import CameraSpec
-from palletloc.io.yaml_document import Document, DocumentError, checked_document, format_document
+from palletloc.io.yaml_document import Document, format_document
 
 _RIGID = 1e-3
 """How far a matrix may be from a rigid transform: files have four digits or more."""
@@ -169,22 +168,7 @@ def side_by_side(first: FiledCamera, second: FiledCamera) -> DualFisheye | None:
     if not (isinstance(left, KannalaBrandt) and isinstance(right, KannalaBrandt)) or left.height != right.height:
         return None
     width = left.width + right.width
-    lenses = [
-        KannalaBrandt(
-            width,
-            lens.height,
-            lens.fx,
-            lens.fy,
-            lens.cx + offset,
-            lens.cy,
-            lens.k1,
-            lens.k2,
-            lens.k3,
-            lens.k4,
-            lens.max_angle,
-        )
-        for lens, offset in ((left, 0), (right, left.width))
-    ]
+    lenses = [replace(lens, width=width, cx=lens.cx + offset) for lens, offset in ((left, 0), (right, left.width))]
     middle = RigidTransform.from_translation(second.first_from_camera.translation / 2)
     return DualFisheye(
         FisheyeLens(lenses[0], middle.inv()), FisheyeLens(lenses[1], middle.inv() * second.first_from_camera)
@@ -196,28 +180,6 @@ class _CameraSheet(Document):
 
     format: Literal[1]
     camera: CameraSpec
-
-
-class _CameraOnly(Document):
-    """The camera in any file of ours."""
-
-    camera: CameraSpec
-
-
-def read_own(path: Path) -> CameraModel:
-    """Return the camera of a file of ours, whatever else the file holds.
-
-    Raises
-    ------
-    InputError
-        If its key ``camera`` does not describe one.
-    """
-    content = read_yaml(path).value
-    spec = checked_document(path, {"camera": content["camera"]}, _CameraOnly).camera
-    try:
-        return camera_from_spec(spec)
-    except ValueError as error:
-        raise DocumentError(f"{path}: camera: {error}") from None
 
 
 def camera_text(camera: CameraModel) -> str:

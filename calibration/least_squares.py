@@ -15,9 +15,9 @@ from scipy.stats import chi2
 
 from palletloc.geometry import BoolArray, FloatArray
 
-SOFT = 2.0
+_SOFT = 2.0
 """Residuals well beyond this many standard deviations count by their size instead of their square (soft l1)."""
-MEDIAN_LENGTH = 1.1774
+_MEDIAN_LENGTH = 1.1774
 """Median length of two unit normal numbers: sqrt(2 ln 2)."""
 _GATE = 4.0
 """A corner farther off than this many robust standard deviations is an outlier: one good corner in 3000 is lost."""
@@ -25,32 +25,32 @@ _CONTRADICTION = 0.01
 """Stated errors are believed unless the residuals are less probable than this."""
 
 
-class Movable(Protocol):
+class _Movable(Protocol):
     """Values of unknowns that can be moved."""
 
     def moved(self, step: FloatArray) -> Self:
         """Return the values after a step."""
 
 
-State = TypeVar("State", bound=Movable)
+_State = TypeVar("State", bound=_Movable)
 
 
 def descend(
-    residuals: Callable[[State], FloatArray],
-    start: State,
+    residuals: Callable[[_State], FloatArray],
+    start: _State,
     scale: FloatArray,
     loss: Literal["linear", "soft_l1"],
-    derivatives: Callable[[State, FloatArray], FloatArray] | None = None,
+    derivatives: Callable[[_State, FloatArray], FloatArray] | None = None,
     evaluations: int = 40,
     tolerance: float = 1e-8,
-) -> State:
+) -> _State:
     """Return the values with the least sum of losses, from a start near it.
 
     Parameters
     ----------
     residuals : callable
         Returns the residuals of values, (m,).
-    start : State
+    start : _State
         Where to begin.
     scale : (n,) array
         A small step of each unknown.
@@ -73,7 +73,7 @@ def descend(
         at,
         np.zeros(len(scale)),
         loss=loss,
-        f_scale=SOFT,
+        f_scale=_SOFT,
         x_scale=scale,
         max_nfev=evaluations,
         xtol=tolerance,
@@ -107,7 +107,7 @@ def redundancies(jacobian: FloatArray, covariance: FloatArray) -> FloatArray:
 def within_gate(residuals: FloatArray) -> BoolArray:
     """Return which pairs of residuals, (m, 2), lie within four robust standard deviations, not below the stated."""
     length = np.linalg.norm(residuals, axis=-1)
-    return np.asarray(length < _GATE * max(1.0, float(np.median(length)) / MEDIAN_LENGTH))
+    return np.asarray(length < _GATE * max(1.0, float(np.median(length)) / _MEDIAN_LENGTH))
 
 
 def told_factor(square: float, redundancy: float) -> float:

@@ -11,7 +11,7 @@ from scipy.spatial.transform import RigidTransform
 
 from calibration import calibrate_mounting
 from calibration.mounting.report import mounting_page
-from calibration.outcome import write_result
+from calibration.result_page import write_result
 from calibration.targets.targets import CharucoBoard, on_board, patterns
 from palletloc.__main__ import COMMANDS
 from palletloc.cameras import Equirectangular

@@ -32,7 +32,7 @@ class _Movable(Protocol):
         """Return the values after a step."""
 
 
-_State = TypeVar("State", bound=_Movable)
+_State = TypeVar("_State", bound=_Movable)
 
 
 def descend(

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from calibration.check.floor_lines import floor_sights, floor_tilt
-from calibration.check.pallet_heights import HeightEstimate, height_estimate, see_heights
+from calibration.check.floor_lines import floor_segments, floor_tilt
+from calibration.check.pallet_heights import HeightEstimate, height_estimate, measure_elevations
 from calibration.check.tilt_sources import (
     FLOOR,
     LEVELS,
@@ -21,9 +21,9 @@ from calibration.check.tilt_sources import (
     fused_tilt,
 )
 from calibration.shelf.gravity_lines import Tilt, level_direction, level_tilt, vertical_tilt
+from calibration.shelf.landmarks import usable_shots
 from calibration.shelf.line_segments import Segments, find_segments
 from calibration.shelf.problem import solve
-from calibration.shelf.shots import usable_shots
 from calibration.shelf.survey import ShelfSurvey, survey_shelf
 from palletloc.geometry import FloatArray
 from palletloc.io.recording import Recording
@@ -124,7 +124,7 @@ def measure_turn(recording: Recording, on_progress: Callable[[str], None] = lamb
         replace(recording, forklift_from_camera=corrected), recording.shelf, on_progress=on_progress
     )
     on_progress("comparing the heights of pallets")
-    heights = see_heights(survey)
+    heights = measure_elevations(survey)
     estimate = None if heights is None else height_estimate(heights, float(corrected.translation[2]))
     on_progress("looking for lines on the floor")
     rest = {
@@ -185,7 +185,7 @@ def _floor(survey: ShelfSurvey, spread: Sequence[int]) -> Tilt | None:
         image = recording.image(recording.shots[survey.shots[i]], gray=True)
         found.append(find_segments(recording.camera, recording.mounting, image, ahead))
     poses = survey.solution.poses[list(spread)]
-    return floor_tilt(floor_sights(found, poses, recording.mounting.center, survey.plane))
+    return floor_tilt(floor_segments(found, poses, recording.mounting.center, survey.plane))
 
 
 def _turned(forklift_from_camera: RigidTransform, turn: FloatArray) -> RigidTransform:
@@ -216,29 +216,19 @@ def _yaws(survey: ShelfSurvey) -> tuple[tuple[float, float] | None, tuple[NamedY
         PALLETS: replace(survey.observed, edges=()),
         "uprights": replace(survey.observed, pallets=(), pallet_of=np.zeros(0, np.intp)),
     }
-    seen = seen_yaw(survey)
+    seen = _seen_yaw(survey)
     yaws = []
     for name, observed in kinds.items():
-        turned = seen_yaw(replace(survey, observed=observed)) if observed.pallets or observed.edges else None
+        turned = _seen_yaw(replace(survey, observed=observed)) if observed.pallets or observed.edges else None
         if turned is not None:
             yaws.append(NamedYaw(name, -turned[0], turned[1]))
     return (None if seen is None else (-seen[0], seen[1])), tuple(yaws)
 
 
-def seen_yaw(survey: ShelfSurvey) -> tuple[float, float] | None:
-    """Return by how much all is seen turned about the upright axis, and its standard deviation.
+def _seen_yaw(survey: ShelfSurvey) -> tuple[float, float] | None:
+    """Return by how much all is seen turned about the upright axis, and its standard deviation, in radians.
 
-    Odometry says in which direction the forklift moves, the landmarks in which the camera does.
-
-    Parameters
-    ----------
-    survey : ShelfSurvey
-        With its landmarks.
-
-    Returns
-    -------
-    tuple of float or None
-        In radians; None where there are no landmarks.
+    Odometry says in which direction the forklift moves, the landmarks in which the camera does. None without any.
     """
     if not survey.observed.pallets and not survey.observed.edges:
         return None

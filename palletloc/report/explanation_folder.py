@@ -19,6 +19,7 @@ from palletloc.recording_run import Job
 NUMBERS = "explain.json"
 """Name of the file with the numbers."""
 _OURS = re.compile(r"(1-shelf|(2-yaw|3-position|3-search|4-face)-[PC]\d+|5-overlay(-whole)?|6-plan)\.(png|jpg)")
+"""Names of the pictures: an earlier explanation's are removed, whatever else is there stays."""
 
 
 def write_explanation(

@@ -1,0 +1,128 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from palletloc.geometry import LevelPose
+from palletloc.measurement import HeightPrior, Reason
+from palletloc.pallet import PalletModel
+from palletloc.paper.position import PositionConfig, Sweep, sweep
+from palletloc.shot import Shot
+
+POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
+FLOOR = HeightPrior(0.0, 0.003)
+CONFIG = PositionConfig()
+Portrait = Callable[..., Shot]
+
+
+def swept(
+    shot: Shot,
+    model: PalletModel,
+    start: LevelPose = POSE,
+    prior: HeightPrior | None = FLOOR,
+    yaw_known: bool = True,
+) -> Sweep | Reason:
+    return sweep(shot.projector, shot.image, shot.camera_from_forklift, start, model, prior, yaw_known, CONFIG)
+
+
+def along_ray(shot: Shot, pose: LevelPose, factor: float) -> LevelPose:
+    x, y, z = shot.mounting.center + factor * (np.array([pose.x, pose.y, pose.z]) - shot.mounting.center)
+    return replace(pose, x=x, y=y, z=z)
+
+
+def off(pose: LevelPose, truth: LevelPose = POSE) -> tuple[float, float]:
+    """How far a pose is off along the face and in depth, in metres."""
+    dx, dy = pose.x - truth.x, pose.y - truth.y
+    cos, sin = np.cos(truth.yaw), np.sin(truth.yaw)
+    return float(sin * dx - cos * dy), float(cos * dx + sin * dy)
+
+
+@pytest.mark.parametrize("name", ["epal", "t11", "open_below"])
+@pytest.mark.parametrize("factor", [0.97, 1.0, 1.03])
+@pytest.mark.parametrize("prior", [FLOOR, None], ids=["level", "free"])
+def test_the_best_peak_is_the_pallet_wherever_on_the_ray_it_starts(
+    name: str,
+    factor: float,
+    prior: HeightPrior | None,
+    portrait: Portrait,
+    request: pytest.FixtureRequest,
+) -> None:
+    model: PalletModel = request.getfixturevalue(name)
+    shot = portrait(model, POSE)
+    found = swept(shot, model, along_ray(shot, POSE, factor), prior)
+    assert isinstance(found, Sweep)
+    right, depth = min((off(peak) for peak in found.peaks), key=lambda one: float(np.hypot(*one)))
+    assert abs(right) < 0.02
+    assert abs(depth) < 0.03
+    if prior is FLOOR:
+        assert np.abs(off(found.peaks[0])).max() < 0.03
+        assert all(peak.z == FLOOR.z for peak in found.peaks)
+
+
+@pytest.mark.parametrize("factor", [0.95, 1.05])
+@pytest.mark.parametrize("x", [-1.0, 2.3])
+def test_far_beside_the_camera_the_face_is_followed_along_its_ray(
+    factor: float, x: float, portrait: Portrait, t11: PalletModel
+) -> None:
+    pose = replace(POSE, x=x)
+    shot = portrait(t11, pose)
+    found = swept(shot, t11, along_ray(shot, pose, factor))
+    assert isinstance(found, Sweep)
+    assert np.abs(off(found.peaks[0], pose)).max() < 0.03
+
+
+@pytest.mark.parametrize("yaw_error_deg", [-3.0, 3.0])
+def test_an_unknown_yaw_is_searched(yaw_error_deg: float, portrait: Portrait, epal: PalletModel) -> None:
+    start = replace(POSE, yaw=POSE.yaw + np.radians(yaw_error_deg))
+    found = swept(portrait(epal, POSE), epal, start, yaw_known=False)
+    assert isinstance(found, Sweep)
+    assert abs(found.peaks[0].yaw - POSE.yaw) < np.radians(2.0)
+    assert np.abs(off(found.peaks[0])).max() < 0.04
+    kept = swept(portrait(epal, POSE), epal, start)
+    assert isinstance(kept, Sweep)
+    assert all(peak.yaw == pytest.approx(start.yaw) for peak in kept.peaks)
+
+
+def test_the_curve_of_scores_belongs_to_the_depths(portrait: Portrait, t11: PalletModel) -> None:
+    found = swept(portrait(t11, POSE), t11)
+    assert isinstance(found, Sweep)
+    assert found.depth.shape == found.score.shape
+    assert (np.diff(found.depth) > 0).all()
+    assert found.depth[0] == pytest.approx(-CONFIG.nearer)
+    assert found.depth[-1] >= CONFIG.farther
+    assert found.best == pytest.approx(found.score.max())
+    best_depth = off(found.peaks[0])[1]
+    assert found.depth[found.score.argmax()] == pytest.approx(best_depth, abs=1e-6)
+    assert found.best > np.median(found.score) + 0.1
+
+
+def test_peaks_stand_apart(portrait: Portrait, epal: PalletModel) -> None:
+    found = swept(portrait(epal, POSE), epal, prior=None, yaw_known=False)
+    assert isinstance(found, Sweep)
+    assert 1 <= len(found.peaks) <= CONFIG.peaks
+    for i, one in enumerate(found.peaks):
+        for other in found.peaks[:i]:
+            apart = np.abs(one.as_array() - other.as_array())
+            assert np.linalg.norm(apart[:3]) > 0.01 or apart[3] > np.radians(1.0)
+
+
+def test_a_free_height_is_found(portrait: Portrait, t11: PalletModel) -> None:
+    shot = portrait(t11, POSE)
+    found = swept(shot, t11, replace(POSE, z=0.03), None)
+    assert isinstance(found, Sweep)
+    assert min(abs(peak.z) for peak in found.peaks) < 0.03
+
+
+def test_nothing_is_found_in_a_plain_image(portrait: Portrait, t11: PalletModel) -> None:
+    shot = portrait(t11, POSE)
+    plain = replace(shot, image=np.full_like(shot.image, 90))
+    assert swept(plain, t11) is Reason.NO_PEAK
+
+
+def test_behind_the_face_or_outside_the_image_there_is_nothing_to_sweep(portrait: Portrait, t11: PalletModel) -> None:
+    shot = portrait(t11, POSE)
+    assert swept(shot, t11, replace(POSE, yaw=-np.pi / 2)) is Reason.BEHIND_FACE
+    assert swept(shot, t11, replace(POSE, x=5.0)) is Reason.OUT_OF_VIEW

@@ -11,5 +11,5 @@ from pathlib import Path
 
 from palletloc.lazy import names_of_stub
 
-# Looked up at first use: the command line answers `--help` without numpy, scipy and cv2.
+# Looked up at first use: a command's help, and what needs a part of the package, imports no more than that.
 __getattr__ = names_of_stub(__name__, Path(__file__).with_name("__init__.pyi"))

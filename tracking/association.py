@@ -31,7 +31,7 @@ UNSURE = 3.0
 
 
 class Comparison:
-    """Tracks as a shot finds them beside its observations; remembers what was compared while more of them come.
+    """Compares the predicted tracks with the observations of a shot; keeps the results while more observations come.
 
     Parameters
     ----------
@@ -124,8 +124,8 @@ class Comparison:
         places = np.array([each.place or (0.0, 0.0, 0.0) for each in observations])
         offsets = self._means[:, :3] - places[:, None]
         distances = np.sqrt((offsets * offsets).sum(axis=2))
-        alike = np.array([each.model for each in observations], dtype=object)[:, None] == self._models
-        possible = alike.astype(np.bool_) & ((distances <= self._config.max_distance_m) | ~placed[:, None])
+        same_model = np.array([each.model for each in observations], dtype=object)[:, None] == self._models
+        possible = same_model.astype(np.bool_) & ((distances <= self._config.max_distance_m) | ~placed[:, None])
         for i, observation in enumerate(observations):
             vague = observation.place is not None and observation.components[:3] != (0, 1, 2)
             if vague and possible[i].any():
@@ -135,11 +135,11 @@ class Comparison:
 
     def _possible_of(self, observation: Observation) -> list[int]:
         """Return the same of a single observation."""
-        alike = [j for j, track in enumerate(self.tracks) if track.model == observation.model]
+        same_model = [j for j, track in enumerate(self.tracks) if track.model == observation.model]
         place = observation.place
         if place is None:
-            return alike
-        distances = [(math.dist(self.tracks[j].state.mean[:3].tolist(), place), j) for j in alike]
+            return same_model
+        distances = [(math.dist(self.tracks[j].state.mean[:3].tolist(), place), j) for j in same_model]
         possible = [(distance, j) for distance, j in distances if distance <= self._config.max_distance_m]
         if observation.components[:3] != (0, 1, 2):
             possible = [min(possible)] if possible else []

@@ -196,7 +196,7 @@ class GroupFilter:
         return Gaussian(mean, _symmetric(P))
 
     def update_group(self, group: TrackGroup, hits: Sequence[tuple[int, Association]]) -> TrackGroup:
-        """Return a group after measurements; `update` says how."""
+        """Return a group after measurements; see `update`."""
         return TrackGroup(group.keys, self.update(group.state, hits), group.predicted, group.carried)
 
     def _one_by_one(self, state: Gaussian, hits: Sequence[tuple[int, Association]]) -> Gaussian:

@@ -81,7 +81,7 @@ class Memory:
     latency_reported: float | None
     """The latency that was reported last, in seconds."""
     latency_shots: tuple[LatencyShot, ...]
-    """Shots that tell of it."""
+    """Shots for its estimate."""
 
 
 class Parts(NamedTuple):

@@ -91,7 +91,7 @@ class PalletTracker:
         ----------
         given : Odometry, PalletMeasurement, PartialMeasurement, ShotTaken, or several of them
             In any order of time inside the window. A shot in which nothing was found is worth a `ShotTaken`, too:
-            it says that no pallet was seen.
+            no pallet was seen then.
 
         Returns
         -------
@@ -200,14 +200,14 @@ class PalletTracker:
         return Window(self._model, Belief(), None if self._history is None else self._history.final)
 
     def latency(self) -> LatencyEstimate:
-        """Return how much later than their exposure shots are stamped, as the last half minute tells.
+        """Return how much later than their exposure shots are stamped, by those of the last half minute.
 
-        Shots count from when they are older than the window. An event says when a latency shows or changes.
+        Shots count from when they are older than the window. An event reports a latency that is significant or changes.
 
         Returns
         -------
         LatencyEstimate
-            Beyond what `MeasurementErrors.latency_s` says already; not observable where speed did not vary.
+            Beyond `MeasurementErrors.latency_s`; not observable where speed did not vary.
         """
         return self._latency.estimate()
 
@@ -320,8 +320,8 @@ class PalletTracker:
     def _take_odometry(self, sample: Odometry) -> tuple[list[Event], float]:
         path = self._window.path
         present = path.find(sample.time)
-        if present is not None and present.says >= sample.says:
-            reason = "" if present.says == sample.says else "another sample of the same time was kept"
+        if present is not None and present.contents >= sample.contents:
+            reason = "" if present.contents == sample.contents else "another sample of the same time was kept"
             return [Event(EventKind.DUPLICATE, sample.time, reason=reason)], math.inf
         changed = path.put(sample)
         events = [Event(EventKind.ACCEPTED, sample.time)]

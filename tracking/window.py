@@ -1,7 +1,7 @@
 """Inputs of the last seconds in the order of their times, and what was believed after each shot.
 
-An input that comes late is put in its place, and every step from there on is done again. The clock says which inputs
-still come in time, by their stamps alone.
+An input that comes late is put in its place, and every step from there on is done again. The clock decides by the
+stamps alone which inputs still come in time.
 """
 
 from __future__ import annotations

@@ -202,7 +202,7 @@ class PalletTracker:
     def latency(self) -> LatencyEstimate:
         """Return how much later than their exposure shots are stamped, by those of the last half minute.
 
-        Shots count from when they are older than the window. An event reports a latency that is significant or changes.
+        Shots count once they are older than the window. An event reports a latency that is significant or changes.
 
         Returns
         -------

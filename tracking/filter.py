@@ -153,7 +153,7 @@ class GroupFilter:
             Factor on its covariance.
         """
         mean, P = state
-        H, R = model_of(observation, scale)
+        H, R = (observation.H, observation.own) if scale == 1.0 else model_of(observation, scale)
         S = H.dot(P).dot(H.T)
         S += R
         residual = _residual(observation, H, mean)

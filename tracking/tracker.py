@@ -23,7 +23,7 @@ from tracking.smoother import History, Moment
 from tracking.snapshot import Parts, Ready, read_memory, restored, written
 from tracking.track_state import TrackState, states_at
 from tracking.validation import BadInputError, UnknownTrackError
-from tracking.window import Clock, ShotMeasurements, Window
+from tracking.window import Clock, Window
 
 Input = Odometry | PalletMeasurement | PartialMeasurement | ShotTaken
 """What a tracker takes."""
@@ -330,15 +330,10 @@ class PalletTracker:
         return events, math.nextafter(changed, math.inf)
 
     def _take_shot(self, given: Observation | ShotTaken) -> list[Event]:
-        shot = self._window.shot_at(given.time)
         if isinstance(given, ShotTaken):
-            if shot is None:
-                self._window.place(ShotMeasurements(given.time))
+            self._window.place(given.time)
             return [Event(EventKind.ACCEPTED, given.time)]
-        if shot is not None and shot.holds(given):
-            return [Event(EventKind.DUPLICATE, given.time)]
-        self._window.place((shot or ShotMeasurements(given.time)).plus(given))
-        return []
+        return [] if self._window.place(given.time, given) else [Event(EventKind.DUPLICATE, given.time)]
 
     def _restarted(self, time: float) -> list[Event]:
         """Forget everything but the numbers given so far."""

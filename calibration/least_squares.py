@@ -1,6 +1,8 @@
-"""What all adjustments share: a robust descent, the gate for outliers, and the factors that residuals tell.
+"""What all adjustments share: two descents, the gate for outliers, and the factors that residuals tell.
 
-The descent is SciPy's (trust region reflective). Residuals are in units of their standard deviations.
+`descend` is SciPy's (trust region reflective). `descend_damped` leaves the equations of a step to the problem, which
+can eliminate what stands in few of them: D. W. Marquardt, "An algorithm for least-squares estimation of nonlinear
+parameters", SIAM J. 11(2), 1963. Residuals are in units of their standard deviations.
 """
 
 from __future__ import annotations
@@ -23,6 +25,10 @@ _GATE = 4.0
 """A corner farther off than this many robust standard deviations is an outlier: one good corner in 3000 is lost."""
 _CONTRADICTION = 0.01
 """Stated errors are believed unless the residuals are less probable than this."""
+_MOST_DAMPING, _LEAST_DAMPING = 1e12, 1e-12
+"""Relative to the diagonal of the normal equations: no step is left above the one, the other is as good as none."""
+_FACTOR = 10.0
+"""By which the damping rises after a step that does not help, and falls after one that does: Marquardt's own."""
 
 
 class Movable(Protocol):
@@ -33,6 +39,7 @@ class Movable(Protocol):
 
 
 State = TypeVar("State", bound=Movable)
+Unknowns = TypeVar("Unknowns")
 
 
 def descend(
@@ -85,6 +92,55 @@ def descend(
         return derivatives(start.moved(step), step)
 
     return start.moved(np.asarray(fit(jac=slope).x, dtype=np.float64))
+
+
+def descend_damped(
+    start: Unknowns,
+    cost: Callable[[Unknowns], float],
+    step: Callable[[Unknowns], Callable[[float], Unknowns | None]],
+    damping: float,
+    steps: int,
+    settled: float,
+) -> Unknowns:
+    """Return the unknowns with the least cost, from a start near it.
+
+    Parameters
+    ----------
+    start : any
+        Where to begin.
+    cost : callable
+        Returns the sum of losses; NaN counts as infinite.
+    step : callable
+        Returns what takes a step from some unknowns by a damping, or returns None where there is no such step.
+    damping : float
+        The first one, relative to the diagonal of the normal equations.
+    steps : int
+        At most so many are taken.
+    settled : float
+        A step that lowers the cost by no larger part of it is the last one.
+    """
+    state, least = start, cost(start)
+    for _ in range(steps):
+        damped = step(state)
+        while damping < _MOST_DAMPING:
+            trial = damped(damping)
+            reached = np.inf if trial is None else cost(trial)
+            if trial is not None and reached < least:
+                break
+            damping *= _FACTOR
+        else:
+            return state
+        gain, state, least = least - reached, trial, reached
+        if gain <= settled * least:
+            return state
+        damping = max(damping / _FACTOR, _LEAST_DAMPING)
+    return state
+
+
+def finite_cost(squares: FloatArray) -> float:
+    """Return the sum of squared residuals, infinite where one of them is none."""
+    total = float(squares.sum())
+    return total if np.isfinite(total) else np.inf
 
 
 def inverse_normal(jacobian: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.shelf.level_view import REACH, LevelView
-from calibration.shelf.problem import EdgeSight
+from calibration.shelf.problem import EdgeObservation
 from calibration.shelf.upright_edges import BAND, BANDS, FARTHEST, NEAREST, Edges, seen_from
 from palletloc.geometry import FloatArray, wrap_angle
 
@@ -29,7 +29,7 @@ _OUTLIER = 4.0
 """A bearing that misses the place by more standard deviations is left out."""
 
 
-def measure_edges(views: Sequence[LevelView], poses: FloatArray, edges: Edges, into: float) -> list[EdgeSight]:
+def measure_edges(views: Sequence[LevelView], poses: FloatArray, edges: Edges, into: float) -> list[EdgeObservation]:
     """Measure where each edge is seen in each shot from its side.
 
     Parameters
@@ -45,10 +45,10 @@ def measure_edges(views: Sequence[LevelView], poses: FloatArray, edges: Edges, i
 
     Returns
     -------
-    list of EdgeSight
+    list of EdgeObservation
         Only of shots that show the edge clearly.
     """
-    sights: list[EdgeSight] = []
+    sights: list[EdgeObservation] = []
     for shot, (view, pose) in enumerate(zip(views, poses, strict=True)):
         azimuth, distance = seen_from(view, pose, edges.places)
         bearing = np.asarray(wrap_angle(azimuth + pose[2] - into))
@@ -58,7 +58,7 @@ def measure_edges(views: Sequence[LevelView], poses: FloatArray, edges: Edges, i
             found = _refined(view, float(view.column(azimuth[i])), float(distance[i]), float(np.sign(edges.vote[i])))
             if found is not None:
                 column, sigma = found
-                sights.append(EdgeSight(shot, int(i), float(view.azimuth(np.array(column))), sigma * view.step))
+                sights.append(EdgeObservation(shot, int(i), float(view.azimuth(np.array(column))), sigma * view.step))
     return sights
 
 
@@ -95,25 +95,25 @@ def _steepest(profile: FloatArray, clear: float) -> float | None:
 
 
 def triangulated(
-    views: Sequence[LevelView], poses: FloatArray, edges: Edges, sights: Sequence[EdgeSight]
-) -> tuple[Edges, list[EdgeSight]]:
+    views: Sequence[LevelView], poses: FloatArray, edges: Edges, sights: Sequence[EdgeObservation]
+) -> tuple[Edges, list[EdgeObservation]]:
     """Place each edge where its sights cross, leave out sights that miss it, and join edges that are the same.
 
     Parameters
     ----------
     views, poses, edges
         As for `measure_edges`.
-    sights : sequence of EdgeSight
+    sights : sequence of EdgeObservation
         From it.
 
     Returns
     -------
     edges : Edges
         Those that at least three shots agree on.
-    sights : list of EdgeSight
+    sights : list of EdgeObservation
         Theirs, numbered anew.
     """
-    kept: list[tuple[FloatArray, list[EdgeSight], int]] = []
+    kept: list[tuple[FloatArray, list[EdgeObservation], int]] = []
     for i in np.argsort(-np.abs(edges.vote), kind="stable"):
         mine = [sight for sight in sights if sight.edge == i]
         place, mine = _crossing(views, poses, edges.places[i], mine)
@@ -135,8 +135,8 @@ def triangulated(
 
 
 def _crossing(
-    views: Sequence[LevelView], poses: FloatArray, start: FloatArray, sights: Sequence[EdgeSight]
-) -> tuple[FloatArray | None, list[EdgeSight]]:
+    views: Sequence[LevelView], poses: FloatArray, start: FloatArray, sights: Sequence[EdgeObservation]
+) -> tuple[FloatArray | None, list[EdgeObservation]]:
     """Return where bearings cross and those that pass there; None where fewer than three do."""
     mine = list(sights)
     place = start
@@ -154,7 +154,7 @@ def _crossing(
 
 
 def _lines(
-    views: Sequence[LevelView], poses: FloatArray, place: FloatArray, sights: Sequence[EdgeSight]
+    views: Sequence[LevelView], poses: FloatArray, place: FloatArray, sights: Sequence[EdgeObservation]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return each bearing as a line on the floor: its normal, its offset, and one over its error there."""
     shots: NDArray[np.intp] = np.array([sight.shot for sight in sights])

@@ -10,10 +10,10 @@ import pytest
 import yaml
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from calibration.formats.camera_file import read_own
 from calibration.intrinsics.board_views import numbered_boards
 from calibration.lenses.problem import BoardView
 from calibration.targets.targets import CharucoBoard
+from palletloc import read_camera
 from palletloc.__main__ import COMMANDS
 from palletloc.cameras import DualFisheye, FisheyeLens, KannalaBrandt
 from palletloc.cli.app import run
@@ -87,7 +87,7 @@ def folder(place: Path, rows: list[str], *, still: bool) -> Path:
 def test_two_lenses_become_one_camera(tmp_path: Path, still: bool, shots: int) -> None:
     place = folder(tmp_path / "in", lines(still=still, shots=shots), still=still)
     assert run(["calibrate", "intrinsics", str(place), "--out", str(tmp_path / "camera.yaml")], COMMANDS) == 0
-    camera = read_own(tmp_path / "camera.yaml")
+    camera = read_camera(tmp_path / "camera.yaml")
     assert isinstance(camera, DualFisheye)
     found = camera.front.camera_from_lens.inv() * camera.back.camera_from_lens
     truth = TRUTH.front.camera_from_lens.inv() * TRUTH.back.camera_from_lens
@@ -131,7 +131,7 @@ def test_raw_shots_of_boards_give_both_lenses(tmp_path: Path, render: Callable[.
     }  # fmt: skip
     (tmp_path / "intrinsics.yaml").write_text(yaml.safe_dump(content))
     assert run(["calibrate", "intrinsics", str(tmp_path), "--out", str(tmp_path / "camera.yaml")], COMMANDS) == 0
-    camera = read_own(tmp_path / "camera.yaml")
+    camera = read_camera(tmp_path / "camera.yaml")
     assert isinstance(camera, DualFisheye)
     found = camera.front.camera_from_lens.inv() * camera.back.camera_from_lens
     off = found * (TRUTH.front.camera_from_lens.inv() * TRUTH.back.camera_from_lens).inv()

@@ -6,7 +6,7 @@ from palletloc.cli.app import COMMANDS as OWN_COMMANDS
 from palletloc.cli.app import Command, run
 
 _OTHERS = (
-    Command("demo", "tracking.demo:demo", "Localize, track and evaluate the sample that comes along."),
+    Command("demo", "tracking.cli:demo", "Localize, track and evaluate the sample that comes along."),
     Command("track", "tracking.cli:track", "Follow the pallets of a recording from shot to shot."),
     Command("config", "tracking.cli:config", "Print every parameter with its default."),
     Command(

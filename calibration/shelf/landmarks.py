@@ -8,13 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.drive import Drive, compose, read_drive
-from calibration.shelf.edge_sights import measure_edges, triangulated
 from calibration.shelf.front_line import UPRIGHTS, FrontLine, pallet_line, upright_line
 from calibration.shelf.level_view import LevelView, level_view
 from calibration.shelf.pallets import PalletObservation, find_pallets, find_pallets_again
 from calibration.shelf.plane import Foot, PlaneEstimate
 from calibration.shelf.problem import DriveSolution, Observed, same_pallets, solve
-from calibration.shelf.upright_edges import Edges, find_edges
+from calibration.shelf.upright_edges import Edges, find_edges, measure_edges, triangulated
 from palletloc.geometry import FloatArray, wrap_angle
 from palletloc.io.images import ImageError
 from palletloc.io.recording import Recording

@@ -152,7 +152,7 @@ def test_stitched_shots_of_boards_give_the_lenses(tmp_path: Path, render: Callab
     middle = RigidTransform.from_translation([-0.4, -0.3, 0.0])
     shots = []
     for i, place in enumerate(places(5, 4)):
-        hung = [(one, place.inv() * pose * middle) for one, pose in zip(boards, room(1.3), strict=True)]
+        hung = [(board, place.inv() * pose * middle) for board, pose in zip(boards, room(1.3), strict=True)]
         cv2.imwrite(str(tmp_path / f"{i}.png"), render(truth, hung))
         shots.append(f"{i}.png")
     spec = {"columns": 4, "rows": 3, "square_m": 0.2, "marker_m": 0.15, "dictionary": "DICT_4X4_50"}

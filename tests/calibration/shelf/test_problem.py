@@ -58,6 +58,7 @@ def test_poses_and_landmarks_are_found_although_the_odometry_is_off() -> None:
     assert found.bias == pytest.approx(-0.006, abs=0.001)
 
 
+@pytest.mark.slow
 def test_errors_stay_within_what_the_covariance_says() -> None:
     squares = []
     for seed in range(12):
@@ -92,7 +93,7 @@ def test_sights_of_one_pallet_are_joined_in_spite_of_drift() -> None:
     seen = observed(4, bias=0.01)
     sights, owner = same_pallets(seen.drive, seen.pallets[::-1])
     assert len(sights) == len(seen.pallets)
-    places = np.array([compose(way()[one.shot], one.planar)[:2] for one in sights])
+    places = np.array([compose(way()[sight.shot], sight.planar)[:2] for sight in sights])
     for i in range(3):
         assert np.ptp(places[owner == i], axis=0).max() < 0.1
     assert np.unique(owner).tolist() == [0, 1, 2]

@@ -14,7 +14,7 @@ from palletloc.cameras import Equirectangular
 from palletloc.drawing.canvas import png, small_png
 from palletloc.errors import PalletLocError
 from palletloc.geometry import LevelPose, level_pose
-from palletloc.io.recording import Recording, Shot
+from palletloc.io.recording import Recording, ShotFile
 from palletloc.io.truth import TruePallet, Truth
 from palletloc.measurement import PalletMeasurement, YawSource
 from palletloc.pallet_library import load_library
@@ -31,7 +31,7 @@ TRUTH = Truth(FORKLIFT, (LOW, HIGH))
 @pytest.fixture
 def recording() -> Recording:
     mounting = RigidTransform.from_translation([0.3, 0.0, 1.8])
-    shots = tuple(Shot(time, f"{time}.jpg") for time in TIMES)
+    shots = tuple(ShotFile(time, f"{time}.jpg") for time in TIMES)
     return Recording(
         Path("aisle"),
         Equirectangular(64, 32),

@@ -17,9 +17,9 @@ from palletloc.evaluation.recording import ERROR_COLUMNS
 from palletloc.io.config_file import read_config
 from palletloc.io.tracks import TRACK_COLUMNS
 from palletloc.measurement import Reason, Stage
+from tracking.config import read_tracker_config
 from tracking.events import EventKind
 from tracking.files import EVENT_COLUMNS
-from tracking.parameters import read_tracker_config
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 REFUSALS = (DOCS / "refusals.md").read_text(encoding="utf-8")

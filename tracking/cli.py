@@ -27,11 +27,10 @@ from palletloc.io.truth import Truth, path_file, read_truth
 from palletloc.measurement import PalletMeasurement
 from palletloc.recording_run import read_job
 from palletloc.track_status import Status
-from tracking.config import TrackerConfig
+from tracking.config import TrackerConfig, format_tracker_config, read_tracker_config
 from tracking.events import Event, EventKind
 from tracking.files import remove_run
-from tracking.offline import TrackedRecording, read_measured, track_recording, write_run
-from tracking.parameters import format_tracker_config, read_tracker_config
+from tracking.recording import TrackedRecording, read_measured, track_recording, write_run
 
 _ONLY_WITH_IMAGES = ("method", "strict", "resume", "verbose")
 
@@ -162,8 +161,7 @@ def _tracked(inputs: Inputs, config: TrackerConfig, console: Console, *, smooth:
 
 def _picture(run: TrackedRecording, truth: Truth | None) -> bytes:
     from palletloc.drawing.canvas import png  # drawing is slow to import
-    from tracking.deviation import track_deviations
-    from tracking.figure import track_figure
+    from tracking.figure import track_deviations, track_figure
 
     name = run.recording.folder.resolve().name or "a recording"
     return png(track_figure(track_deviations(run, truth), name))
@@ -192,14 +190,14 @@ def _table(run: TrackedRecording) -> Table:
 def _pose(row: TrackRow) -> list[str]:
     pose, sigma = row.pose, np.sqrt(np.maximum(np.diag(row.covariance), 0.0))
     places = zip((pose.x, pose.y, pose.z), 1000 * sigma[:3], strict=True)
-    cells = [f"{value:.3f} \N{PLUS-MINUS SIGN}{one:.{1 if one < 10 else 0}f}" for value, one in places]
+    cells = [f"{value:.3f} \N{PLUS-MINUS SIGN}{sigma_mm:.{1 if sigma_mm < 10 else 0}f}" for value, sigma_mm in places]
     return [*cells, f"{np.degrees(pose.yaw):.2f} \N{PLUS-MINUS SIGN}{np.degrees(sigma[3]):.2f}"]
 
 
 def _troubles(events: Iterable[Event], number: int) -> str:
     """Return what happened to a track beyond the ordinary."""
     ordinary = {EventKind.ACCEPTED, EventKind.BORN, EventKind.CONFIRMED, EventKind.LOST}
-    counts = Counter(str(one.kind) for one in events if one.track == number and one.kind not in ordinary)
+    counts = Counter(str(event.kind) for event in events if event.track == number and event.kind not in ordinary)
     return ", ".join(f"{count} {kind}" for kind, count in counts.items())
 
 

@@ -31,7 +31,7 @@ from palletloc.io.atomic import write_text
 from palletloc.io.run_folder import MEASUREMENTS, Run, RunFolder
 from palletloc.io.truth import read_truth
 from palletloc.recording_run import Job, ShotOutcome, read_job, work_through
-from tracking.offline import TrackedRecording, read_measured, track_recording, write_run
+from tracking.recording import TrackedRecording, read_measured, track_recording, write_run
 
 PAGE, PICTURES = "index.html", "pictures"
 """Names of what the demo adds to the files of a run and of its evaluation: the page, and the folder of pictures."""
@@ -71,8 +71,7 @@ def _localize(job: Job, out: Path, sample: Path) -> list[ShotOutcome]:
 
 def _track(job: Job, out: Path) -> TrackedRecording:
     from palletloc.drawing.canvas import png  # drawing is slow to import
-    from tracking.deviation import track_deviations
-    from tracking.figure import track_figure
+    from tracking.figure import track_deviations, track_figure
 
     measured = read_measured(out / MEASUREMENTS, job.recording)
     run = track_recording(job.recording, measured, smooth=True)
@@ -112,7 +111,7 @@ def _report(
         settings=evaluated.settings,
         tracks=tuple({row.track: row for row in tracked.rows}.values()),
         size=(job.recording.camera.width, job.recording.camera.height),
-        seconds_per_shot=median(one.duration for one in outcomes),
+        seconds_per_shot=median(outcome.duration for outcome in outcomes),
         pictures=write_explanation(job, explanation, out / PICTURES),
         explained=explanation.shot.file,
         folder=PICTURES,

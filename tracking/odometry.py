@@ -11,8 +11,8 @@ import numpy as np
 
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.trajectory import Trajectory
-from tracking.faults import BadInputError, check_time, check_values, checked_covariance
 from tracking.motion import Motion, Twist, twist_between
+from tracking.validation import BadInputError, check_time, check_values, checked_covariance
 
 ODOM, FORKLIFT = "odom", "forklift"
 """Frames of the contract: where the odometry began, and the vehicle."""
@@ -193,14 +193,14 @@ def rates_between(earlier: Odometry, later: Odometry) -> Twist | None:
 
 def mean_rates(earlier: Odometry, later: Odometry) -> Twist | None:
     """Return the mean of the rates that two samples state; None where neither does."""
-    known = [one.twist for one in (earlier, later) if one.twist is not None]
+    known = [sample.twist for sample in (earlier, later) if sample.twist is not None]
     if not known:
         return None
     count = len(known)
     return Twist(
-        sum(one.forward for one in known) / count,
-        sum(one.left for one in known) / count,
-        sum(one.turn for one in known) / count,
+        sum(twist.forward for twist in known) / count,
+        sum(twist.left for twist in known) / count,
+        sum(twist.turn for twist in known) / count,
     )
 
 
@@ -226,3 +226,15 @@ def samples_of(trajectory: Trajectory) -> list[Odometry]:
             twist = Twist(float(trajectory.speed[i]), 0.0, float(trajectory.yaw_rate[i]))
         samples.append(Odometry(float(time), LevelPose(float(x), float(y), 0.0, float(yaw)), twist))
     return samples
+
+
+@dataclass(frozen=True, slots=True)
+class PathLimits:
+    """What is believed of odometry."""
+
+    max_speed_mps: float = 10.0
+    """Two poses farther apart than this speed allows are a jump, not a motion."""
+    max_turn_dps: float = 180.0
+    """The same of the yaw, in degrees per second."""
+    max_ahead_s: float = 0.5
+    """How far beyond its first and last sample a motion goes on at the last rates."""

@@ -21,9 +21,9 @@ from calibration.check.tilt_sources import (
     fused_tilt,
 )
 from calibration.shelf.gravity_lines import Tilt, level_direction, level_tilt, vertical_tilt
+from calibration.shelf.landmarks import usable_shots
 from calibration.shelf.line_segments import Segments, find_segments
 from calibration.shelf.problem import solve
-from calibration.shelf.shots import usable_shots
 from calibration.shelf.survey import ShelfSurvey, survey_shelf
 from palletloc.geometry import FloatArray
 from palletloc.io.recording import Recording
@@ -216,29 +216,19 @@ def _yaws(survey: ShelfSurvey) -> tuple[tuple[float, float] | None, tuple[NamedY
         PALLETS: replace(survey.observed, edges=()),
         "uprights": replace(survey.observed, pallets=(), pallet_of=np.zeros(0, np.intp)),
     }
-    seen = seen_yaw(survey)
+    seen = _seen_yaw(survey)
     yaws = []
     for name, observed in kinds.items():
-        turned = seen_yaw(replace(survey, observed=observed)) if observed.pallets or observed.edges else None
+        turned = _seen_yaw(replace(survey, observed=observed)) if observed.pallets or observed.edges else None
         if turned is not None:
             yaws.append(NamedYaw(name, -turned[0], turned[1]))
     return (None if seen is None else (-seen[0], seen[1])), tuple(yaws)
 
 
-def seen_yaw(survey: ShelfSurvey) -> tuple[float, float] | None:
-    """Return by how much all is seen turned about the upright axis, and its standard deviation.
+def _seen_yaw(survey: ShelfSurvey) -> tuple[float, float] | None:
+    """Return by how much all is seen turned about the upright axis, and its standard deviation, in radians.
 
-    Odometry says in which direction the forklift moves, the landmarks in which the camera does.
-
-    Parameters
-    ----------
-    survey : ShelfSurvey
-        With its landmarks.
-
-    Returns
-    -------
-    tuple of float or None
-        In radians; None where there are no landmarks.
+    Odometry says in which direction the forklift moves, the landmarks in which the camera does. None without any.
     """
     if not survey.observed.pallets and not survey.observed.edges:
         return None

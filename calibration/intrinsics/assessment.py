@@ -16,13 +16,13 @@ from calibration.lenses.fit import LensFit, bearing_sigma, hold_out_rms
 from calibration.lenses.models import LensCamera
 from palletloc.geometry import BoolArray, FloatArray
 
-FEWEST_VIEWS = 3
+_FEWEST_VIEWS = 3
 """Fewer boards give no lens."""
 SECTORS = 12
 """Of a map of the field, around the axis: 30 degrees each."""
 _RING = np.radians(12.0)
 """About the width of the map's rings, in radians: narrower than a board at arm's length."""
-MAX_BEARING_SIGMA = float(np.radians(0.1))
+_MAX_BEARING_SIGMA = float(np.radians(0.1))
 """A larger standard deviation of bearings fails, in radians; at the rim of the field it is a warning."""
 _OPEN_BEARING_SIGMA = float(np.radians(1.0))
 """A larger standard deviation of most bearings, in radians, means that the boards do not tell the lens."""
@@ -108,8 +108,8 @@ def view_findings(task: IntrinsicsTask, found: Collected) -> list[Finding]:
     ]
     for lens in range(task.lenses):
         count = sum(view.lens == lens for view in found.views)
-        if count < FEWEST_VIEWS:
-            what = f"lens {lens}: {count} boards are seen; a lens needs {FEWEST_VIEWS} at least, better 15"
+        if count < _FEWEST_VIEWS:
+            what = f"lens {lens}: {count} boards are seen; a lens needs {_FEWEST_VIEWS} at least, better 15"
             how = "take more shots, and check the numbers of the boards in intrinsics.yaml"
             findings.append(Finding(Severity.DEGENERATE, "few_views", what, how))
     return findings
@@ -194,7 +194,7 @@ def _uncertain(sigmas: Sequence[FloatArray], angles: Sequence[FloatArray]) -> li
     findings = []
     for lens, (sigma, angle) in enumerate(zip(sigmas, angles, strict=True)):
         usual, worst = float(np.median(sigma)), int(np.argmax(sigma))
-        if sigma[worst] < MAX_BEARING_SIGMA:
+        if sigma[worst] < _MAX_BEARING_SIGMA:
             continue
         what = (
             f"bearings of lens {lens} are known to {np.degrees(usual):.2f} degrees as a rule, and to"
@@ -202,7 +202,7 @@ def _uncertain(sigmas: Sequence[FloatArray], angles: Sequence[FloatArray]) -> li
         )
         if usual > _OPEN_BEARING_SIGMA:
             finding = Finding(Severity.DEGENERATE, "unobservable", what, f"{_TILT}, and {_RIM}")
-        elif usual > MAX_BEARING_SIGMA:
+        elif usual > _MAX_BEARING_SIGMA:
             finding = Finding(Severity.FAIL, "too_uncertain", what, f"{_TILT}, and {_RIM}")
         else:
             finding = Finding(Severity.WARNING, "uncertain_rim", what, f"{_RIM}, or state a smaller max_angle_deg")

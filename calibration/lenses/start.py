@@ -29,18 +29,8 @@ _IDENTITY = RigidTransform.identity(1)
 """Place of the only lens, and of the only board."""
 
 
-def equidistant_bearings(pixels: FloatArray, focal: float, center: FloatArray) -> FloatArray:
-    """Return the unit vectors that pixels look along through an equidistant lens, (n, 3).
-
-    Parameters
-    ----------
-    pixels : (n, 2) array
-        Where corners are seen.
-    focal : float
-        Pixels per radian.
-    center : (2,) array
-        Pixel of the axis.
-    """
+def _equidistant_bearings(pixels: FloatArray, focal: float, center: FloatArray) -> FloatArray:
+    """Return the unit vectors that pixels look along through an equidistant lens, (n, 3)."""
     across = (pixels - center) / focal
     angle = np.linalg.norm(across, axis=-1)
     scale = np.sinc(angle / np.pi)
@@ -80,7 +70,7 @@ def _misfit(views: Sequence[BoardView], focal: float, center: FloatArray) -> flo
 
 
 def _pose(view: BoardView, values: FloatArray) -> RigidTransform | None:
-    return pose_from_bearings(view.points, equidistant_bearings(view.pixels, float(values[0]), values[2:4]))
+    return pose_from_bearings(view.points, _equidistant_bearings(view.pixels, float(values[0]), values[2:4]))
 
 
 def _pose_misfit(view: BoardView, pose: RigidTransform | None, values: FloatArray) -> float:

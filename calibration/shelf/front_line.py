@@ -13,7 +13,7 @@ from palletloc.robust import HUBER
 
 UPRIGHTS, PALLETS = "uprights", "pallets"
 """Names of the methods."""
-TALL = 0.45
+_TALL = 0.45
 """Part of the height bands that an upright's edge is clear in."""
 _NEAR = 0.008
 """How far corners of the front stand off one line, in metres, as uprights are set."""
@@ -76,7 +76,7 @@ def upright_line(
     Behind the front corners of the posts their rear corners form a line as straight, and as clear. The front is the
     line with the most tall edges on it, and with none of them just before it.
     """
-    tall = np.abs(edges.vote) >= TALL
+    tall = np.abs(edges.vote) >= _TALL
     if tall.sum() < 2:
         return None
     right, depth = foot.local(places).T

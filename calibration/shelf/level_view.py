@@ -47,7 +47,7 @@ class LevelView:
     @property
     def clear(self) -> float:
         """Slope from which on an edge is clear."""
-        return clear_slope(self.light)
+        return _clear_slope(self.light)
 
     @property
     def columns(self) -> int:
@@ -107,11 +107,11 @@ def level_view(camera: CameraModel, mounting: Mounting, image: Image, towards: f
     slope[blind] = 0.0
     light = float(np.median(seen[valid])) if valid.any() else 0.0
     center = np.asarray(mounting.center, dtype=np.float64)
-    ridge = _ridge(slope / np.float32(clear_slope(light)))
+    ridge = _ridge(slope / np.float32(_clear_slope(light)))
     return LevelView(float(azimuth[0]), step, row_step, slope.astype(np.float64), ridge, light, center)
 
 
-def clear_slope(light: float) -> float:
+def _clear_slope(light: float) -> float:
     """Return the slope from which on an edge is clear: two parts in a hundred of the light."""
     return max(0.5, 0.02 * light)
 

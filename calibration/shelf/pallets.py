@@ -25,7 +25,7 @@ _FIRST_SHOTS = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Reach:
+class _Reach:
     """How far a plane may be off."""
 
     depth: float
@@ -36,9 +36,9 @@ class Reach:
 
 _TRIED = tuple((depth, float(np.radians(yaw))) for depth in (-0.3, 0.05, 0.4) for yaw in (-7.0, 0.0, 7.0))
 """Planes that are tried around the user's, by depth and yaw: together they cover half a metre and ten degrees."""
-_FIRST = Reach(0.25, float(np.radians(4.5)))
+_FIRST = _Reach(0.25, float(np.radians(4.5)))
 """How far planes may be off in the first look: half the distance of those that are tried."""
-_AGAIN, _LAST = Reach(0.15, float(np.radians(4.0))), Reach(0.08, float(np.radians(1.5)))
+_AGAIN, _LAST = _Reach(0.15, float(np.radians(4.0))), _Reach(0.08, float(np.radians(1.5)))
 """The same in the second look, and once poses are known."""
 
 
@@ -92,7 +92,7 @@ def see_pallets(
     few = [(int(i), shots[i]) for i in spread]
     tried = (_moved(recording, prior, depth, yaw) for depth, yaw in _TRIED)
     first = [sight for plane in tried for sight in _look(recording, few, plane, _FIRST)]
-    plane = rough_plane(recording, shots, first, prior)
+    plane = _rough_plane(recording, shots, first, prior)
     if plane is None:
         return [], prior
     on_progress("localizing pallets")
@@ -134,7 +134,7 @@ def see_again(recording: Recording, shots: Sequence[int], poses: FloatArray, pla
 
 
 def _look(
-    recording: Recording, numbered: Sequence[tuple[int, int]], plane: ShelfPlane, reach: Reach
+    recording: Recording, numbered: Sequence[tuple[int, int]], plane: ShelfPlane, reach: _Reach
 ) -> list[PalletSight]:
     moved = replace(recording, shelf=plane)
     shelves = []
@@ -145,7 +145,7 @@ def _look(
 
 
 def _localized(
-    recording: Recording, numbered: Sequence[tuple[int, int, ShelfPlane]], reach: Reach
+    recording: Recording, numbered: Sequence[tuple[int, int, ShelfPlane]], reach: _Reach
 ) -> list[PalletSight]:
     config = LocalizerConfig()
     detection = replace(config.detection, plane_depth=reach.depth, plane_yaw_deg=float(np.degrees(reach.yaw)))
@@ -166,21 +166,12 @@ def _localized(
     return seen
 
 
-def rough_plane(
+def _rough_plane(
     recording: Recording, shots: Sequence[int], seen: Sequence[PalletSight], prior: ShelfPlane
 ) -> ShelfPlane | None:
     """Return the plane that most pallets stand on, by raw odometry; None where there is none.
 
-    Parameters
-    ----------
-    recording : Recording
-        For its odometry.
-    shots : sequence of int
-        What the sights' numbers mean.
-    seen : sequence of PalletSight
-        Some may be wrong.
-    prior : ShelfPlane
-        Gives the levels, and the sides.
+    Some of the sights may be wrong. The prior gives the levels, and the sides.
     """
     if not seen:
         return None

@@ -218,9 +218,10 @@ def robust_plane(
     information = prior
     for _ in range(rounds):
         off, design = residuals(turn, distance)
-        weights = huber_weights(off, sigma, tuning) / sigma**2
-        information = np.asarray((design * weights[:, None]).T @ design + prior)
-        step = np.linalg.solve(information, -design.T @ (weights * off) - prior @ np.array([turn, distance]))
+        root = np.sqrt(huber_weights(off, sigma, tuning)) / sigma
+        scaled = design * root[:, None]
+        information = np.asarray(scaled.T @ scaled + prior)
+        step = np.linalg.solve(information, -scaled.T @ (off * root) - prior @ np.array([turn, distance]))
         turn, distance = turn + float(step[0]), distance + float(step[1])
     return turn, distance, information
 

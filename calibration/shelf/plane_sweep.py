@@ -45,7 +45,7 @@ _LEAST_SCORE, _ABOVE_FLOOR, _SECOND = 0.03, 2.0, 0.7
 """A clear peak is higher than the first, than so many times the lower quartile, and has no second above that part
 of it."""
 
-FloatImage = NDArray[np.float32]
+_FloatImage = NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,7 +240,7 @@ def _views(
     images: Sequence[Image],
     poses: FloatArray,
     plane: tuple[Foot, float, float, float],
-) -> Iterator[tuple[FloatImage, NDArray[np.bool_]]]:
+) -> Iterator[tuple[_FloatImage, NDArray[np.bool_]]]:
     """Yield what each shot shows of a part of the plane, and where it shows any."""
     foot, turn, distance, along = plane
     yaw = foot.yaw + turn
@@ -255,7 +255,7 @@ def _views(
         yield view.image.astype(np.float32), view.valid
 
 
-def _agreement(views: Sequence[tuple[FloatImage, NDArray[np.bool_]]]) -> tuple[int, int]:
+def _agreement(views: Sequence[tuple[_FloatImage, NDArray[np.bool_]]]) -> tuple[int, int]:
     """Return how many windows agree, and how many have texture."""
     image, valid = views[0]
     mean, spread = _moments(image)
@@ -276,11 +276,11 @@ def _agreement(views: Sequence[tuple[FloatImage, NDArray[np.bool_]]]) -> tuple[i
     return int((used & (least[apart, apart] > _ALIKE)).sum()), int(used.sum())
 
 
-def _moments(image: FloatImage) -> tuple[FloatImage, FloatImage]:
+def _moments(image: _FloatImage) -> tuple[_FloatImage, _FloatImage]:
     """Return mean and variance of the windows around each pixel."""
     mean = _box(image)
     return mean, np.maximum(_box(image * image) - mean * mean, 0)
 
 
-def _box(image: FloatImage) -> FloatImage:
+def _box(image: _FloatImage) -> _FloatImage:
     return np.asarray(cv2.blur(image, (_WINDOW, _WINDOW)), dtype=np.float32)

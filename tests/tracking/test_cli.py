@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 import pytest
 import yaml
-from palletloc.offline import Job
 
 from palletloc.__main__ import COMMANDS
 from palletloc.cli.app import run
@@ -18,14 +17,14 @@ from palletloc.config import LocalizerConfig
 from palletloc.geometry import Image, LevelPose, level_pose
 from palletloc.io.config_file import read_config
 from palletloc.io.measurements import read_measurements, write_measurements
-from palletloc.io.recording import Recording, Shot, read_recording
+from palletloc.io.recording import Recording, ShotFile, read_recording
 from palletloc.io.tracks import read_tracks
 from palletloc.io.truth import TruePallet, Truth, write_truth
 from palletloc.measurement import PalletMeasurement, YawSource
+from palletloc.recording_run import Job
 from palletloc.track_status import Status
-from tracking.config import TrackerConfig
+from tracking.config import TrackerConfig, read_tracker_config
 from tracking.files import read_events
-from tracking.parameters import read_tracker_config
 
 RECORDING = """\
 format: 1
@@ -75,13 +74,13 @@ def contents(folder: str = "out") -> dict[str, bytes]:
 @pytest.fixture
 def finds(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let every shot that can be read show the pallet."""
-    monkeypatch.setattr(Job, "rows", lambda _, explanation: [seen(explanation.time)])
+    monkeypatch.setattr(Job, "rows", lambda _, explanation: [seen(explanation.shot.time)])
 
 
-def stops_at(number: int, kind: type[BaseException]) -> Callable[[Recording, Shot], Image]:
+def stops_at(number: int, kind: type[BaseException]) -> Callable[[Recording, ShotFile], Image]:
     read = Recording.image
 
-    def image(recording: Recording, shot: Shot) -> Image:
+    def image(recording: Recording, shot: ShotFile) -> Image:
         if shot.file == f"images/{number}.png":
             raise kind
         return read(recording, shot)

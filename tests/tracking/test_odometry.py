@@ -8,9 +8,9 @@ import pytest
 
 from palletloc.geometry import LevelPose
 from palletloc.trajectory import Trajectory
-from tracking.faults import BadInputError
 from tracking.motion import Twist, chain
 from tracking.odometry import Odometry, OdometryNoise, check_odometry, mean_rates, rates_between, samples_of
+from tracking.validation import BadInputError
 
 NOISE = OdometryNoise()
 HERE = LevelPose(1.0, 2.0, 0.0, 0.3)

@@ -11,11 +11,11 @@ from calibration.findings import DEGENERATE, FAIL, PASS
 from calibration.result_page import html_text, json_text
 from calibration.shelf.assessment import ShelfAssessment, assess_shelf
 from calibration.shelf.front_line import PALLETS, UPRIGHTS
+from calibration.shelf.landmarks import Skipped, motion_refusal
 from calibration.shelf.plane import Foot, PlaneEstimate, fuse
 from calibration.shelf.plane_sweep import Peak, PlaneSweep
 from calibration.shelf.problem import DriveSolution, Observed
 from calibration.shelf.report import shelf_page
-from calibration.shelf.shots import Skipped, motion_refusal
 from calibration.shelf.survey import Front, ShelfSurvey
 from calibration.shelf.upright_edges import Edges
 from palletloc.geometry import FloatArray, LevelPose

@@ -1,6 +1,8 @@
-"""What all adjustments share: a robust descent, the gate for outliers, and the factors that residuals tell.
+"""What all adjustments share: two descents, the gate for outliers, and the factors that residuals tell.
 
-The descent is SciPy's (trust region reflective). Residuals are in units of their standard deviations.
+`descend` is SciPy's (trust region reflective). `descend_damped` leaves the equations of a step to the problem, which
+can eliminate what stands in few of them: D. W. Marquardt, "An algorithm for least-squares estimation of nonlinear
+parameters", SIAM J. 11(2), 1963. Residuals are in units of their standard deviations.
 """
 
 from __future__ import annotations
@@ -15,7 +17,7 @@ from scipy.stats import chi2
 
 from palletloc.geometry import BoolArray, FloatArray
 
-SOFT = 2.0
+_SOFT = 2.0
 """Residuals well beyond this many standard deviations count by their size instead of their square (soft l1)."""
 MEDIAN_LENGTH = 1.1774
 """Median length of two unit normal numbers: sqrt(2 ln 2)."""
@@ -23,34 +25,39 @@ _GATE = 4.0
 """A corner farther off than this many robust standard deviations is an outlier: one good corner in 3000 is lost."""
 _CONTRADICTION = 0.01
 """Stated errors are believed unless the residuals are less probable than this."""
+_MOST_DAMPING, _LEAST_DAMPING = 1e12, 1e-12
+"""Relative to the diagonal of the normal equations: no step is left above the one, the other is as good as none."""
+_FACTOR = 10.0
+"""By which the damping rises after a step that does not help, and falls after one that does: Marquardt's own."""
 
 
-class Movable(Protocol):
+class _Movable(Protocol):
     """Values of unknowns that can be moved."""
 
     def moved(self, step: FloatArray) -> Self:
         """Return the values after a step."""
 
 
-State = TypeVar("State", bound=Movable)
+_State = TypeVar("_State", bound=_Movable)
+_Unknowns = TypeVar("_Unknowns")
 
 
 def descend(
-    residuals: Callable[[State], FloatArray],
-    start: State,
+    residuals: Callable[[_State], FloatArray],
+    start: _State,
     scale: FloatArray,
     loss: Literal["linear", "soft_l1"],
-    derivatives: Callable[[State, FloatArray], FloatArray] | None = None,
+    derivatives: Callable[[_State, FloatArray], FloatArray] | None = None,
     evaluations: int = 40,
     tolerance: float = 1e-8,
-) -> State:
+) -> _State:
     """Return the values with the least sum of losses, from a start near it.
 
     Parameters
     ----------
     residuals : callable
         Returns the residuals of values, (m,).
-    start : State
+    start : _State
         Where to begin.
     scale : (n,) array
         A small step of each unknown.
@@ -73,7 +80,7 @@ def descend(
         at,
         np.zeros(len(scale)),
         loss=loss,
-        f_scale=SOFT,
+        f_scale=_SOFT,
         x_scale=scale,
         max_nfev=evaluations,
         xtol=tolerance,
@@ -85,6 +92,55 @@ def descend(
         return derivatives(start.moved(step), step)
 
     return start.moved(np.asarray(fit(jac=slope).x, dtype=np.float64))
+
+
+def descend_damped(
+    start: _Unknowns,
+    cost: Callable[[_Unknowns], float],
+    step: Callable[[_Unknowns], Callable[[float], _Unknowns | None]],
+    damping: float,
+    steps: int,
+    settled: float,
+) -> _Unknowns:
+    """Return the unknowns with the least cost, from a start near it.
+
+    Parameters
+    ----------
+    start : any
+        Where to begin.
+    cost : callable
+        Returns the sum of losses; NaN counts as infinite.
+    step : callable
+        Returns what takes a step from some unknowns by a damping, or returns None where there is no such step.
+    damping : float
+        The first one, relative to the diagonal of the normal equations.
+    steps : int
+        At most so many are taken.
+    settled : float
+        A step that lowers the cost by no larger part of it is the last one.
+    """
+    state, least = start, cost(start)
+    for _ in range(steps):
+        damped = step(state)
+        while damping < _MOST_DAMPING:
+            trial = damped(damping)
+            reached = np.inf if trial is None else cost(trial)
+            if trial is not None and reached < least:
+                break
+            damping *= _FACTOR
+        else:
+            return state
+        gain, state, least = least - reached, trial, reached
+        if gain <= settled * least:
+            return state
+        damping = max(damping / _FACTOR, _LEAST_DAMPING)
+    return state
+
+
+def finite_cost(squares: FloatArray) -> float:
+    """Return the sum of squared residuals, infinite where one of them is none."""
+    total = float(squares.sum())
+    return total if np.isfinite(total) else np.inf
 
 
 def inverse_normal(jacobian: FloatArray) -> FloatArray:

@@ -1,9 +1,10 @@
-"""A result in its outputs: terminal, HTML and JSON."""
+"""A result in its outputs: terminal, HTML and JSON, and their files."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import rich.table
@@ -11,7 +12,7 @@ from rich import box
 from rich.console import RenderableType
 from rich.text import Text
 
-from calibration.findings import Finding, Severity
+from calibration.findings import PASS, Finding, Severity
 from calibration.sections import (
     Drawing,
     Findings,
@@ -26,9 +27,10 @@ from calibration.sections import (
     words,
 )
 from palletloc.drawing.canvas import small_png
+from palletloc.io.atomic import write_text
 from palletloc.report import page as html
 
-FORMAT = 1
+_FORMAT = 1
 """Version of the reports in JSON. Programs read it; it changes when a key changes its meaning."""
 
 
@@ -91,7 +93,7 @@ def json_text(result: ResultPage) -> str:
     result : ResultPage
         The result.
     """
-    data: dict[str, Any] = {"format": FORMAT, "exit_code": result.exit_code}
+    data: dict[str, Any] = {"format": _FORMAT, "exit_code": result.exit_code}
     for section in result.sections:
         if isinstance(section, Findings):
             data["reasons"] = [_finding_data(finding) for finding in section.findings]
@@ -144,3 +146,70 @@ def _findings_on_page(section: Findings) -> str:
     for finding in sorted(section.findings, key=lambda finding: order.index(finding.severity)):
         rows += [[str(finding.severity), finding.code, finding.what], ["", "", f"do: {finding.how}"]]
     return html.table(words("", "code", "what, and what to do"), rows)
+
+
+def write_result(result: ResultPage, out: Path) -> tuple[Path, ...]:
+    """Write the file that a calibration gives, and its report beside it.
+
+    A result that fails writes its report only, under a name that does not exist yet: what an earlier run gave stays.
+
+    Parameters
+    ----------
+    result : ResultPage
+        The result.
+    out : Path
+        The file to write; the report gets its name with other endings.
+
+    Returns
+    -------
+    tuple of Path
+        What was written.
+
+    Raises
+    ------
+    OutputError
+        If a file cannot be written.
+    """
+    passed = result.exit_code == PASS
+    stem = out.with_suffix("") if passed else _free_stem(out)
+    report = write_report(result, stem.with_name(stem.name + ".html"))
+    if not passed or result.content is None:
+        return report
+    write_text(out, result.content)
+    return out, *report
+
+
+def write_report(result: ResultPage, page: Path) -> tuple[Path, Path]:
+    """Write the report of a result as HTML, and the same as JSON beside it.
+
+    Parameters
+    ----------
+    result : ResultPage
+        The result.
+    page : Path
+        The file for the HTML.
+
+    Returns
+    -------
+    page, numbers : Path
+        The files.
+
+    Raises
+    ------
+    OutputError
+        If a file cannot be written.
+    """
+    numbers, text = page.with_suffix(".json"), json_text(result)
+    write_text(page, html_text(result))
+    write_text(numbers, text)
+    return page, numbers
+
+
+def _free_stem(out: Path) -> Path:
+    """Return a name without an ending, beside a file, under which there is no report yet."""
+    stem = out.with_suffix("")
+    for number in range(1, 10_000):
+        free = stem.with_name(f"{stem.name}.failed" + (f"-{number}" if number > 1 else ""))
+        if not any(free.with_name(free.name + end).exists() for end in (".html", ".json")):
+            return free
+    return stem.with_name(f"{stem.name}.failed")

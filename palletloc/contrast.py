@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import lru_cache
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,8 +19,6 @@ from palletloc.plane import PlaneGrid
 from palletloc.refinement.occlusion import Spans, hidden_part
 from palletloc.refinement.patch import FacePatch
 
-SMOOTHING = 0.006
-"""Standard deviation of the smoothing before colours are compared, in metres: the grain of wood is finer."""
 NOISE = 2.0
 """Differences below this are noise, in gray levels."""
 MARGIN = 0.15
@@ -35,11 +32,6 @@ SHOWN = 0.7
 
 Placing = Callable[[FloatArray], FloatArray]
 """Maps (n, 2) points of the face to (m, n, 2) points of the viewed plane for m places, in metres."""
-
-
-def smoothed(image: Image, grid: PlaneGrid) -> Image:
-    """Return a view's image without what noise and grain do to colours."""
-    return np.asarray(cv2.GaussianBlur(image, (0, 0), max(SMOOTHING / grid.resolution, 0.5)), dtype=np.uint8)
 
 
 def place_contrasts(image: Image, grid: PlaneGrid, model: PalletModel, placing: Placing) -> FloatArray:

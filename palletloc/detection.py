@@ -13,9 +13,9 @@ from itertools import product
 
 import numpy as np
 
-from palletloc.contrast import place_contrasts, smoothed
+from palletloc.contrast import place_contrasts
 from palletloc.geometry import FloatArray, Image, LevelPose, wrap_angle
-from palletloc.matching import EdgeEnergy, edge_energy
+from palletloc.matching import EdgeEnergy, edge_energy, smoothed
 from palletloc.pallet import PalletModel
 from palletloc.shelf import ShelfPlane
 from palletloc.shelf_search import Sites, first_steps, refine, search, spaced
@@ -96,7 +96,7 @@ def detect(
     for seen in views:
         window = (round(0.4 / seen.view.grid.resolution) | 1, round(0.2 / seen.view.grid.resolution) | 1)
         energy = edge_energy(seen.view.image, window)
-        smooth = smoothed(seen.view.image, seen.view.grid)
+        smooth = smoothed(seen.view.image, seen.view.grid.resolution)
         for model in models:
             detections += _detected(seen, energy, smooth, model, config)
     return sorted(detections, key=lambda detection: -detection.promise), views

@@ -17,6 +17,10 @@ FULL = 255
 NOISE = 1.0
 """Part of the local mean that is always there, in gray levels per pixel: below about twice that there is noise, not
 edges, however dark the neighbourhood."""
+SMOOTHING = 0.006
+"""Standard deviation of the smoothing before colours are compared, in metres: the grain of wood is finer."""
+_CHANNEL_SUM = np.ones((1, 3), np.float32)
+"""Adds up three channels."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +31,11 @@ class EdgeEnergy:
     """(rows, columns) energy of edges that run along the rows."""
     upright: Image
     """(rows, columns) energy of edges that run along the columns."""
+
+
+def smoothed(image: Image, resolution: float) -> Image:
+    """Return a view's image, of so many metres per pixel, without what noise and grain do to colours."""
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), max(SMOOTHING / resolution, 0.5)), dtype=np.uint8)
 
 
 def component_gradients(image: Image) -> tuple[Energy, Energy]:
@@ -86,7 +95,12 @@ def gradient_across(image: Image, horizontal: bool, across_px: float, along_px: 
     gradient = cv2.Sobel(smooth, cv2.CV_32F, *order, ksize=1, scale=0.5)
     if gradient.ndim == 2:
         return np.abs(gradient)
-    return np.asarray(cv2.sqrt(cv2.transform(gradient * gradient, np.ones((1, 3), np.float32))), dtype=np.float32)
+    return np.asarray(cv2.sqrt(channel_sum(gradient * gradient)), dtype=np.float32)
+
+
+def channel_sum(channels: NDArray[np.float32]) -> Energy:
+    """Return the sum over three colour channels, the last axis."""
+    return np.asarray(cv2.transform(channels, _CHANNEL_SUM), dtype=np.float32)
 
 
 def edge_energy(image: Image, window: tuple[int, int], saturation: float = 2.5, dilation: int = 1) -> EdgeEnergy:

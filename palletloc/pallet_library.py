@@ -20,10 +20,14 @@ from palletloc.errors import PalletLocError, nearest_name
 from palletloc.pallet import Opening, PalletModel
 
 _LOADER = yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader
-_NAME = re.compile(r"\w[\w.-]*")  # names become cells of csv files and names of files
+"""Reads YAML's safe subset, by libyaml where that is there."""
+_NAME = re.compile(r"\w[\w.-]*")
+"""What a model may be called: names become cells of csv files and names of files."""
 _TOLERANCE: float = inspect.signature(PalletModel).parameters["tolerance"].default
-_MAX_LENGTH = 10.0  # in metres: larger ones are millimetres
-_MAX_NESTING = 10  # three are needed; libyaml overruns the stack on some tens of thousands
+"""Of a model's dimensions where nothing is stated, in metres."""
+_MAX_LENGTH, _MAX_NESTING = 10.0, 10
+"""Largest dimension that is believed, in metres: larger ones are millimetres. Deepest nesting of a file: three are
+needed; libyaml overruns the stack on some tens of thousands."""
 
 
 class PalletFileError(PalletLocError):
@@ -42,10 +46,9 @@ _Length = Annotated[float, Field(ge=-_MAX_LENGTH, le=_MAX_LENGTH), BeforeValidat
 _Row = Annotated[tuple[_Length, _Length], Field(strict=False)]  # YAML has lists only
 
 
-# The keys of the file are the names of the fields of `Opening` and `PalletModel` with their unit.
-
-
 class _Entry(BaseModel):
+    """Its keys are the names of the fields of `Opening` and `PalletModel` with their unit."""
+
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
 
@@ -156,8 +159,7 @@ def find_models(names: Iterable[str], user: Mapping[str, PalletModel]) -> tuple[
     >>> [model.depth for model in find_models(["epal1-800", "epal1-1200"], user={})]
     [1.2, 0.8]
     """
-    known = {**_library(), **user}
-    wanted = list(dict.fromkeys(names))
+    known, wanted = {**_library(), **user}, list(dict.fromkeys(names))
     for name in wanted:
         if name not in known:
             raise PalletLocError(f"unknown pallet model '{name}'{nearest_name(name, known)}")
@@ -179,8 +181,8 @@ def format_pallets(models: Iterable[PalletModel]) -> str:
     """
     entries = {}
     for model in models:
-        listed = [_OpeningEntry(**_keys(opening, _OpeningEntry)) for opening in model.openings]
-        entry = _PalletEntry(**_keys(model, _PalletEntry), openings=listed)
+        openings = [_OpeningEntry(**_keys(opening, _OpeningEntry)) for opening in model.openings]
+        entry = _PalletEntry(**_keys(model, _PalletEntry), openings=openings)
         entries[model.name] = entry.model_dump(exclude_defaults=True)
     return yaml.safe_dump(entries, sort_keys=False, default_flow_style=None, allow_unicode=True, width=110)
 
@@ -240,13 +242,9 @@ def _openings(entry: _PalletEntry, where: str) -> Iterator[Opening]:
 def _two_pockets(entry: _ParametricEntry) -> list[_OpeningEntry]:
     """Return the two equal openings beside a middle block."""
     offset = (entry.center_width_m + entry.pocket_width_m) / 2
-    pocket = {
-        "bottom_m": entry.pocket_bottom_m,
-        "width_m": entry.pocket_width_m,
-        "height_m": entry.pocket_height_m,
-        "radius_m": entry.radius_m,
-    }
-    return [_OpeningEntry(center_m=center, **pocket) for center in (-offset, offset)]
+    size = {"width_m": entry.pocket_width_m, "height_m": entry.pocket_height_m}
+    shape = {"bottom_m": entry.pocket_bottom_m, "radius_m": entry.radius_m}
+    return [_OpeningEntry(center_m=center, **size, **shape) for center in (-offset, offset)]
 
 
 def _load_yaml(data: bytes, file: str) -> Any:
@@ -323,6 +321,7 @@ def _explain(error: ValidationError, name: str) -> str:
 
 
 _UNKNOWN_KEY = {"extra_forbidden", "invalid_key"}
+"""Pydantic's names of the error that a key is not known."""
 _EXPECTED = {
     "float_type": "a number",
     "finite_number": "a finite number",
@@ -334,6 +333,7 @@ _EXPECTED = {
     "too_long": "two numbers",
     "model_type": "a mapping of keys to values",
 }
+"""What was expected, by pydantic's name of the error."""
 
 
 def _shown(value: object) -> str:

@@ -20,15 +20,17 @@ MAX_ERROR_PX = 0.05
 """How far a table may lie from the exact map, in pixels of the image."""
 
 IndexArray = NDArray[np.intp]
-
-# The bound is estimated from second differences, which vary a little from node to node.
+"""Indices into an array."""
 _TOLERANCE_PX = 0.8 * MAX_ERROR_PX
+"""Bound of the error in pixels; it is estimated from second differences, which vary a little from node to node."""
 _STEPS = (8, 4, 2)
-# A grid twice as fine costs (2 / step)^2 of the pixels and spares about two thirds of the rough ones.
+"""Distances of the grid's nodes that are tried, in pixels of the view."""
 _WORTH_HALVING = 1.5
-# What the widest interpolation (Lanczos, 8 x 8) reads around a point.
+"""A grid twice as fine costs (2 / step)^2 of the pixels and spares about two thirds of the rough ones."""
 _REACH = 5
+"""What the widest interpolation (Lanczos, 8 x 8) reads around a point, in pixels, and one to spare."""
 _EXACT_CELLS = 1024
+"""Cells that are mapped exactly at once: their arrays stay in the processor's cache."""
 
 
 class Interpolation(StrEnum):
@@ -44,15 +46,13 @@ class Interpolation(StrEnum):
     """Lanczos over 8 x 8 pixels."""
 
 
-_FLAGS = {
-    Interpolation.NEAREST: cv2.INTER_NEAREST,
-    Interpolation.LINEAR: cv2.INTER_LINEAR,
-    Interpolation.CUBIC: cv2.INTER_CUBIC,
-    Interpolation.LANCZOS: cv2.INTER_LANCZOS4,
-}
-# `cv2.remap` takes columns and rows in one array, which is faster to make than two. OpenCV's type stubs do
-# not know that the second may be None; an empty array instead takes twice as long.
+_FLAGS = dict(
+    zip(Interpolation, (cv2.INTER_NEAREST, cv2.INTER_LINEAR, cv2.INTER_CUBIC, cv2.INTER_LANCZOS4), strict=True)
+)
+"""OpenCV's names."""
 _NO_SECOND_MAP = cast("NDArray[np.float32]", None)
+"""`cv2.remap` takes columns and rows in one array, which is faster to make than two. OpenCV's type stubs do not know
+that the second may be None; an empty array instead takes twice as long."""
 
 
 @dataclass(frozen=True, slots=True)

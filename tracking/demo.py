@@ -1,4 +1,4 @@
-"""The command ``palletloc demo``: the whole way on the sample that comes along."""
+"""The whole way on the sample that comes along: what ``palletloc demo`` does."""
 
 from __future__ import annotations
 
@@ -6,10 +6,8 @@ from collections.abc import Sequence
 from importlib.resources import as_file, files
 from pathlib import Path
 from statistics import median
-from typing import Annotated
 
 import numpy as np
-import typer
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -37,14 +35,13 @@ PAGE, PICTURES = "index.html", "pictures"
 """Names of what the demo adds to the files of a run and of its evaluation: the page, and the folder of pictures."""
 
 
-def demo(
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results; made if missing.")] = Path(
-        "palletloc-demo"
-    ),
-) -> None:
-    """Localize, track and evaluate the sample that comes along.
+def run_demo(out: Path) -> None:
+    """Localize, track and evaluate the sample, and write a page about it all.
 
-    Writes what palletloc localize, track, evaluate and explain write, and index.html, which shows and links it all.
+    Parameters
+    ----------
+    out : Path
+        Folder for the results; made if missing.
     """
     console = Console(stderr=True)
     with as_file(files("palletloc") / "sample") as sample:

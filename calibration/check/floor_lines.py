@@ -38,7 +38,7 @@ _TOLD = 1 / float(np.radians(2.0)) ** 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FloorSights:
+class FloorSegments:
     """Segments on the floor; one row for each."""
 
     normals: FloatArray
@@ -57,7 +57,9 @@ class FloorSights:
     """(n,) in which shot it is seen."""
 
 
-def floor_sights(shots: Sequence[Segments], poses: FloatArray, center: FloatArray, front: ShelfPlane) -> FloorSights:
+def floor_segments(
+    shots: Sequence[Segments], poses: FloatArray, center: FloatArray, front: ShelfPlane
+) -> FloorSegments:
     """Cut segments with the floor and keep those that may lie on it.
 
     Parameters
@@ -77,9 +79,9 @@ def floor_sights(shots: Sequence[Segments], poses: FloatArray, center: FloatArra
         for i, (segments, pose) in enumerate(zip(shots, poses, strict=True))
     ]
     if not parts:
-        return FloorSights(np.zeros((0, 3)), *(np.zeros(0) for _ in range(6)))
+        return FloorSegments(np.zeros((0, 3)), *(np.zeros(0) for _ in range(6)))
     joined = [np.concatenate(columns) for columns in zip(*parts, strict=True)]
-    return FloorSights(*joined)
+    return FloorSegments(*joined)
 
 
 def _on_floor(
@@ -119,12 +121,12 @@ def _on_floor(
     )
 
 
-def floor_tilt(sights: FloorSights) -> Tilt | None:
+def floor_tilt(sights: FloorSegments) -> Tilt | None:
     """Return the tilt that lets lines on the floor run along the shelf and square to it.
 
     Parameters
     ----------
-    sights : FloorSights
+    sights : FloorSegments
         Of all shots.
 
     Returns
@@ -172,7 +174,7 @@ def _told(solution: FloatArray, normal: FloatArray, segments: int) -> Tilt | Non
     return Tilt(known @ (known.T @ solution[:2]), (known * values[told]) @ known.T, segments)
 
 
-def _same_lines(sights: FloorSights) -> NDArray[np.intp]:
+def _same_lines(sights: FloorSegments) -> NDArray[np.intp]:
     """Return which line each segment shows; -1 where fewer than three shots show it at one place.
 
     Both borders of a painted line are one: what is wrong with its direction they have in common.

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from calibration.check.floor_lines import floor_sights, floor_tilt
-from calibration.check.pallet_heights import HeightEstimate, height_estimate, see_heights
+from calibration.check.floor_lines import floor_segments, floor_tilt
+from calibration.check.pallet_heights import HeightEstimate, height_estimate, measure_elevations
 from calibration.check.tilt_sources import (
     FLOOR,
     LEVELS,
@@ -124,7 +124,7 @@ def measure_turn(recording: Recording, on_progress: Callable[[str], None] = lamb
         replace(recording, forklift_from_camera=corrected), recording.shelf, on_progress=on_progress
     )
     on_progress("comparing the heights of pallets")
-    heights = see_heights(survey)
+    heights = measure_elevations(survey)
     estimate = None if heights is None else height_estimate(heights, float(corrected.translation[2]))
     on_progress("looking for lines on the floor")
     rest = {
@@ -185,7 +185,7 @@ def _floor(survey: ShelfSurvey, spread: Sequence[int]) -> Tilt | None:
         image = recording.image(recording.shots[survey.shots[i]], gray=True)
         found.append(find_segments(recording.camera, recording.mounting, image, ahead))
     poses = survey.solution.poses[list(spread)]
-    return floor_tilt(floor_sights(found, poses, recording.mounting.center, survey.plane))
+    return floor_tilt(floor_segments(found, poses, recording.mounting.center, survey.plane))
 
 
 def _turned(forklift_from_camera: RigidTransform, turn: FloatArray) -> RigidTransform:

@@ -37,7 +37,7 @@ _FAINT = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class HeightSights:
+class PalletElevations:
     """Pallets as they are seen above and below the horizon; one row for each sight."""
 
     pallet: FloatArray
@@ -85,7 +85,7 @@ class HeightEstimate:
         return height, float(np.sqrt(max(left, 0.0)))
 
 
-def see_heights(survey: ShelfSurvey) -> HeightSights | None:
+def measure_elevations(survey: ShelfSurvey) -> PalletElevations | None:
     """Measure the pallets of a survey once more, with nothing said of their heights.
 
     Parameters
@@ -95,7 +95,7 @@ def see_heights(survey: ShelfSurvey) -> HeightSights | None:
 
     Returns
     -------
-    HeightSights or None
+    PalletElevations or None
         None where too few are seen.
     """
     recording, solution = survey.recording, survey.solution
@@ -135,7 +135,7 @@ def see_heights(survey: ShelfSurvey) -> HeightSights | None:
     known = np.abs(near - heights) < _ON_LEVEL
     sigmas = np.where(known, _LEVEL, _FREE)
     pallet, azimuth, distance, elevation, sigma = np.array(rows).T
-    return HeightSights(pallet, azimuth, distance, elevation, sigma, np.where(known, near, heights), sigmas)
+    return PalletElevations(pallet, azimuth, distance, elevation, sigma, np.where(known, near, heights), sigmas)
 
 
 def _sight(
@@ -153,12 +153,12 @@ def _sight(
     return float(np.arctan2(y, x)), distance, float(np.arctan2(z, across)), float(np.hypot(sigma, _ELEVATION))
 
 
-def height_estimate(sights: HeightSights, camera_height: float) -> HeightEstimate | None:
+def height_estimate(sights: PalletElevations, camera_height: float) -> HeightEstimate | None:
     """Return the tilt and the height of the camera that explain at which elevations pallets are seen.
 
     Parameters
     ----------
-    sights : HeightSights
+    sights : PalletElevations
         What was seen.
     camera_height : float
         As stated, in metres.

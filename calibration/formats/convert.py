@@ -10,13 +10,14 @@ from pathlib import Path
 import numpy as np
 
 from calibration.formats import adapter, basalt, kalibr, ocam, opencv, ros
-from calibration.formats.camera_file import FiledCamera, alone, as_cameras, camera_text, read_own, side_by_side
+from calibration.formats.camera_file import FiledCamera, alone, as_cameras, camera_text, side_by_side
 from calibration.formats.fields import FormatError, read_json, read_yaml
 from calibration.lenses.conversion import ConversionError, LensDifference, convert_lens, difference
 from calibration.lenses.models import MODELS, lens_model, model_of
 from palletloc.cameras import CameraModel, DualFisheye, Equirectangular, KannalaBrandt
 from palletloc.errors import PalletLocError, nearest_name
 from palletloc.io.atomic import write_text
+from palletloc.io.camera_spec import camera_in
 from palletloc.io.reading import read_text, require_file
 
 _DUAL = "dual_fisheye"
@@ -110,7 +111,7 @@ def read_cameras(path: Path) -> list[FiledCamera]:
     if fields.has("image") and fields.has("parameter"):
         return adapter.read_adapter(fields)
     if fields.has("camera"):
-        return as_cameras(read_own(path), "camera")
+        return as_cameras(camera_in(path, fields.value), "camera")
     if fields.has("camera_matrix") and fields.at("camera_matrix").value is not None:
         return opencv.read_opencv(path) if path.suffix.lower() == ".json" else ros.read_camera_info(fields)
     raise FormatError(

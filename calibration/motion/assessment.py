@@ -21,7 +21,7 @@ from palletloc.cameras.protocol import CameraModel
 from palletloc.geometry import FloatArray
 from palletloc.mounting import Mounting
 
-LEAST_SHOTS = 5
+_LEAST_SHOTS = 5
 """With fewer shots that show a target nothing is fitted."""
 _CHANCE = 0.001
 """The drive contradicts the stated mounting where chance leaves such a difference to fewer cases."""
@@ -148,9 +148,9 @@ def assess_motion(problem: MotionProblem, stated_sigma: FloatArray) -> MotionAss
     stated_sigma : (6,) array
         Standard deviations of the stated mounting, in metres and radians.
     """
-    how = f"drive so that {LEAST_SHOTS} shots and more show a target, from 1 to 4 m"
-    if len(set(problem.shot_of)) < LEAST_SHOTS:
-        what = f"only {len(set(problem.shot_of))} shots show a target, expected at least {LEAST_SHOTS}"
+    how = f"drive so that {_LEAST_SHOTS} shots and more show a target, from 1 to 4 m"
+    if len(set(problem.shot_of)) < _LEAST_SHOTS:
+        what = f"only {len(set(problem.shot_of))} shots show a target, expected at least {_LEAST_SHOTS}"
         return MotionAssessment((Finding(Severity.DEGENERATE, "few_sights", what, how),))
     start = start_motion(problem)
     if start is None:

@@ -8,13 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.drive import Drive, compose, read_drive
-from calibration.shelf.edge_sights import measure_edges, triangulated
 from calibration.shelf.front_line import UPRIGHTS, FrontLine, pallet_line, upright_line
 from calibration.shelf.level_view import LevelView, level_view
-from calibration.shelf.pallets import PalletSight, see_again, see_pallets
+from calibration.shelf.pallets import PalletObservation, find_pallets, find_pallets_again
 from calibration.shelf.plane import Foot, PlaneEstimate
 from calibration.shelf.problem import DriveSolution, Observed, same_pallets, solve
-from calibration.shelf.upright_edges import Edges, find_edges
+from calibration.shelf.upright_edges import Edges, find_edges, measure_edges, triangulated
 from palletloc.geometry import FloatArray, wrap_angle
 from palletloc.io.images import ImageError
 from palletloc.io.recording import Recording
@@ -127,19 +126,19 @@ def past_pallets(recording: Recording, prior: ShelfPlane, on_progress: Callable[
     """
     shots = tuple(usable_shots(recording))
     drive = read_drive(recording.odometry, [recording.shots[i].time for i in shots])
-    sights, _ = see_pallets(recording, shots, prior, on_progress)
+    sights, _ = find_pallets(recording, shots, prior, on_progress)
     found = _solved(recording, shots, prior, drive, sights)
     line = found.pallets
     if line is None:
         return found
     on_progress("localizing pallets once more")
     plane = replace(found.foot.plane(line.turn, line.distance), levels=prior.levels)
-    again = _solved(recording, shots, prior, drive, see_again(recording, shots, found.solution.poses, plane))
+    again = _solved(recording, shots, prior, drive, find_pallets_again(recording, shots, found.solution.poses, plane))
     return found if len(again.observed.pallets) < len(found.observed.pallets) / 2 else again
 
 
 def _solved(
-    recording: Recording, shots: tuple[int, ...], prior: ShelfPlane, drive: Drive, sights: Sequence[PalletSight]
+    recording: Recording, shots: tuple[int, ...], prior: ShelfPlane, drive: Drive, sights: Sequence[PalletObservation]
 ) -> Landmarks:
     camera = np.asarray(recording.mounting.center[:2], dtype=np.float64)
     kept, owner = same_pallets(drive, sights)

@@ -43,7 +43,7 @@ _AGAIN, _LAST = _Reach(0.15, float(np.radians(4.0))), _Reach(0.08, float(np.radi
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PalletSight:
+class PalletObservation:
     """One pallet in one shot."""
 
     shot: int
@@ -61,12 +61,12 @@ class PalletSight:
         return self.pose.as_array()[[0, 1, 3]]
 
 
-def see_pallets(
+def find_pallets(
     recording: Recording,
     shots: Sequence[int],
     prior: ShelfPlane,
     on_progress: Callable[[str], None] = lambda _: None,
-) -> tuple[list[PalletSight], ShelfPlane]:
+) -> tuple[list[PalletObservation], ShelfPlane]:
     """Localize the pallets of a recording, first widely around a rough plane, then around what that gives.
 
     Parameters
@@ -82,7 +82,7 @@ def see_pallets(
 
     Returns
     -------
-    sights : list of PalletSight
+    sights : list of PalletObservation
         Numbered by their place in `shots`.
     plane : ShelfPlane
         What the second look was given: the prior itself where the first finds no pallet.
@@ -110,7 +110,9 @@ def _moved(recording: Recording, prior: ShelfPlane, depth: float, yaw: float) ->
     return replace(prior, x=float(foot[0]), y=float(foot[1]), facing=float(wrap_angle(prior.facing + yaw)))
 
 
-def see_again(recording: Recording, shots: Sequence[int], poses: FloatArray, plane: ShelfPlane) -> list[PalletSight]:
+def find_pallets_again(
+    recording: Recording, shots: Sequence[int], poses: FloatArray, plane: ShelfPlane
+) -> list[PalletObservation]:
     """Localize the pallets of a recording once plane and poses are known well.
 
     Parameters
@@ -126,7 +128,7 @@ def see_again(recording: Recording, shots: Sequence[int], poses: FloatArray, pla
 
     Returns
     -------
-    list of PalletSight
+    list of PalletObservation
         Numbered by their place in `shots`.
     """
     shelves = [plane.seen_from(LevelPose(float(x), float(y), 0.0, float(yaw))) for x, y, yaw in poses]
@@ -135,7 +137,7 @@ def see_again(recording: Recording, shots: Sequence[int], poses: FloatArray, pla
 
 def _look(
     recording: Recording, numbered: Sequence[tuple[int, int]], plane: ShelfPlane, reach: _Reach
-) -> list[PalletSight]:
+) -> list[PalletObservation]:
     moved = replace(recording, shelf=plane)
     shelves = []
     for number, index in numbered:
@@ -146,20 +148,22 @@ def _look(
 
 def _localized(
     recording: Recording, numbered: Sequence[tuple[int, int, ShelfPlane]], reach: _Reach
-) -> list[PalletSight]:
+) -> list[PalletObservation]:
     config = LocalizerConfig()
     detection = replace(config.detection, plane_depth=reach.depth, plane_yaw_deg=float(np.degrees(reach.yaw)))
     config = replace(config, detection=detection)
     localizer = Localizer(recording.models, config=config)
     keep = np.ix_([0, 1, 3], [0, 1, 3])
-    seen: list[PalletSight] = []
+    seen: list[PalletObservation] = []
     for number, index, shelf in numbered:
         try:
             found = localizer.localize(recording.shot(recording.shots[index]), shelf)
         except PalletLocError:  # a shot that cannot be used: too near, or damaged; others may do
             continue
         seen += [
-            PalletSight(number, measurement.model, measurement.forklift_from_pallet, measurement.covariance[keep])
+            PalletObservation(
+                number, measurement.model, measurement.forklift_from_pallet, measurement.covariance[keep]
+            )
             for measurement in found
             if measurement.score >= _MIN_SCORE
         ]
@@ -167,7 +171,7 @@ def _localized(
 
 
 def _rough_plane(
-    recording: Recording, shots: Sequence[int], seen: Sequence[PalletSight], prior: ShelfPlane
+    recording: Recording, shots: Sequence[int], seen: Sequence[PalletObservation], prior: ShelfPlane
 ) -> ShelfPlane | None:
     """Return the plane that most pallets stand on, by raw odometry; None where there is none.
 

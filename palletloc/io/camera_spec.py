@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import warnings
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
@@ -30,9 +32,55 @@ from palletloc.io.schema import (
     StitchedSpec,
     Triple,
 )
+from palletloc.io.yaml_document import Document, DocumentError, checked_document, load_yaml
 
 _DECIMALS_DEG = 9
 """Of written angles: 2e-11 rad, below what a transform keeps; 0.1 is not written as 0.10000000000000002."""
+
+
+class _CameraOnly(Document):
+    """The camera in any file that has one."""
+
+    camera: CameraSpec
+
+
+def read_camera(path: str | Path) -> CameraModel:
+    """Read the camera of recording.yaml, of rig.yaml or of what a calibration of lenses wrote.
+
+    Parameters
+    ----------
+    path : str or Path
+        A yaml file with the key ``camera``; its other keys are passed over.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is not yaml, or its camera is not one; names the line or the key.
+    """
+    path = Path(path)
+    return camera_in(path, load_yaml(path))
+
+
+def camera_in(path: Path, content: Any) -> CameraModel:
+    """Build the camera that the key ``camera`` of a file describes.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for errors.
+    content : any
+        What was read from it.
+
+    Raises
+    ------
+    DocumentError
+        If there is none; names the key.
+    """
+    part = {key: content[key] for key in ("camera",) if key in content} if isinstance(content, dict) else content
+    try:
+        return camera_from_spec(checked_document(path, part, _CameraOnly).camera)
+    except ValueError as error:
+        raise DocumentError(f"{path}: camera: {error}") from None
 
 
 def camera_from_spec(spec: CameraSpec) -> CameraModel:

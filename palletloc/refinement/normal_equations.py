@@ -34,12 +34,13 @@ LEVEL, NOT_LEVEL = 0.075, 0.15
 """How far above or below a face a camera is level with it, and from where on it is not at all, in metres."""
 DEPTH_ERROR = 0.004
 """How far the front or back of a row of blocks lies from its place (one standard deviation), in metres."""
-_MOTION, _MOUNTING, _SHARED = 4, 6, 3
-_FIRST_SHARED = _MOTION + _MOUNTING
-_FIRST_DEPTH = _FIRST_SHARED + _SHARED
+_MOTION, _FIRST_SHARED, _FIRST_DEPTH = 4, 10, 13
+"""How many unknowns are the motion, and where those that edges share and those of the depths begin; six errors of the
+mounting stand between."""
 _SHARED_PART = 0.7
 """Part of an upright edge's shift error that it shares with the others of its side, as a standard deviation."""
 _TINY = 1e-9
+"""How strongly every unknown is held at least, in its unit to the power of -2: the equations stay solvable."""
 
 
 @dataclass(frozen=True, slots=True)

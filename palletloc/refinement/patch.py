@@ -11,13 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palletloc.geometry import BoolArray, FloatArray, Image, LevelPose
-from palletloc.matching import Energy
+from palletloc.matching import Energy, channel_sum, smoothed
 from palletloc.measurement import Reason
 from palletloc.plane import PlaneView
 from palletloc.shot import MIN_DISTANCE, Extent, Shot
 
-SMOOTHING = 0.006
-"""Standard deviation of the smoothing before colours are compared, in metres."""
 WINDOW = (0.4, 0.2)
 """Width and height of the neighbourhood that an edge is compared with, in metres."""
 SATURATION = 2.5
@@ -26,8 +24,6 @@ SLOPE_STEP = 0.2
 """Level lines whose slopes differ by less are looked for alike."""
 NOISE = 1.0
 """Gradients of this size are noise, in gray levels per pixel."""
-
-_SUM = np.ones((1, 3), np.float32)
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,13 +140,12 @@ def view_patch(shot: Shot, base: LevelPose, extent: Extent, resolution: float) -
     seen = np.count_nonzero(view.valid)
     if seen < 0.5 * view.valid.size:
         return Reason.OUT_OF_VIEW
-    smooth = cv2.GaussianBlur(view.image, (0, 0), max(SMOOTHING / resolution, 0.5))
     tensor = _tensor(view.image, resolution)
     if seen < view.valid.size:  # where the image ends there is no edge
         inside = cv2.erode(view.valid.astype(np.float32), np.ones((7, 7), np.uint8), borderValue=1.0)
         tensor = tensor[0] * inside, tensor[1] * inside, tensor[2] * inside
     upright, edges = _widened(tensor[0], (3, 1)), np.minimum(tensor[0] + tensor[2], np.float32(1.0))
-    return FacePatch(base, camera, view, np.asarray(smooth, dtype=np.uint8), tensor, upright, edges)
+    return FacePatch(base, camera, view, smoothed(view.image, resolution), tensor, upright, edges)
 
 
 def _widened(energy: Energy, columns_rows: tuple[int, int]) -> Energy:
@@ -164,7 +159,7 @@ def _tensor(image: Image, resolution: float) -> tuple[Energy, Energy, Energy]:
     across = np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=1, scale=0.5))
     down = np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=1, scale=0.5))
     if image.ndim == 3:
-        xx, xy, yy = (_summed(a * b) for a, b in ((across, across), (across, down), (down, down)))
+        xx, xy, yy = (channel_sum(a * b) for a, b in ((across, across), (across, down), (down, down)))
     else:
         xx, xy, yy = across * across, across * down, down * down
     size = np.sqrt(xx + yy)
@@ -172,7 +167,3 @@ def _tensor(image: Image, resolution: float) -> tuple[Energy, Energy, Energy]:
     local = cv2.boxFilter(size, cv2.CV_32F, window, borderType=cv2.BORDER_REPLICATE) + np.float32(NOISE)
     scale = 1.0 / (np.maximum(size, np.float32(1e-6)) * local * np.float32(SATURATION))
     return xx * scale, xy * scale, yy * scale
-
-
-def _summed(channels: NDArray[np.float32]) -> Energy:
-    return np.asarray(cv2.transform(channels, _SUM), dtype=np.float32)

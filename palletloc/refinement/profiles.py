@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from palletloc.edge_fit import EdgeFit, EdgePeaks, fit_edges
 from palletloc.face import FaceEdge, FaceLine, face_lines
 from palletloc.geometry import BoolArray, FloatArray
+from palletloc.matching import channel_sum
 from palletloc.pallet import PalletModel
 from palletloc.shot import Shot
 
@@ -37,7 +38,6 @@ SMOOTHING_PX = 0.6
 
 Samples = NDArray[np.float32]
 """Float32 array."""
-_SUM = np.ones((1, 3), np.float32)
 
 
 @dataclass(frozen=True, slots=True)
@@ -292,7 +292,7 @@ def _derivative(sampled: Samples, across: float, along: float) -> Samples:
     change = cv2.sepFilter2D(sampled, cv2.CV_32F, slope, smooth, borderType=cv2.BORDER_REPLICATE)
     if change.ndim == 2:
         return np.asarray(np.abs(change), dtype=np.float32)
-    return np.sqrt(np.asarray(cv2.transform(change * change, _SUM), dtype=np.float32))
+    return np.sqrt(channel_sum(np.asarray(change * change)))
 
 
 def fit_profiles(profiles: Profiles, along_px: float) -> tuple[EdgePeaks, list[EdgeFit | None]]:

@@ -10,17 +10,14 @@ import numpy as np
 from palletloc.face import face_edges
 from palletloc.geometry import FloatArray
 from palletloc.pallet import PalletModel
+from palletloc.template import BLOCK_WEIGHT, UPRIGHT_WEIGHT
 
 LEVEL_SPACING = 0.05
 """Distance between points on level edges, in metres."""
 UPRIGHT_POINTS = 4
 """Points on an upright edge."""
-UPRIGHT_WEIGHT = 2.0
-"""Weight of an upright edge's length: short as they are, they alone tell one opening from the next."""
 BLOCK_POINTS = (4, 3)
 """Points in a block, along and up."""
-BLOCK_WEIGHT = 0.35
-"""Weight of the edges inside the blocks, which count against a pose."""
 BLOCK_MARGIN = 0.02
 """What is left out at the sides of a block at most, in metres."""
 

@@ -9,8 +9,7 @@ from matplotlib.figure import Figure
 from rich.console import Console
 
 from calibration.findings import Finding, Severity
-from calibration.outcome import write_report, write_result
-from calibration.result_page import html_text, json_text, reason_lines, terminal_parts
+from calibration.result_page import html_text, json_text, reason_lines, terminal_parts, write_report, write_result
 from calibration.sections import (
     Drawing,
     Findings,

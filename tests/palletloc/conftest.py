@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -10,7 +11,6 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from palletloc.cameras import CameraModel, Equirectangular, Pinhole
-from palletloc.candidate import ShotView
 from palletloc.choices import Method
 from palletloc.config import LocalizerConfig
 from palletloc.geometry import FloatArray, LevelPose
@@ -18,7 +18,7 @@ from palletloc.localizer import Localizer
 from palletloc.mounting import Mounting
 from palletloc.pallet import Opening, PalletModel
 from palletloc.plane import PlaneGrid, PlaneView
-from palletloc.projection import Projector
+from palletloc.shot import Shot
 from palletloc.synthetic.materials import CARTONS, CEILING, CONCRETES, PAINTS, PLASTERS, PLASTICS, WOODS
 from palletloc.synthetic.pallet_solid import PalletBody
 from palletloc.synthetic.placing import standing
@@ -132,7 +132,7 @@ def _around(model: PalletModel, pose: LevelPose, loaded: bool) -> list[Solid]:
 
 
 @pytest.fixture(scope="session")
-def photograph() -> Callable[..., ShotView]:
+def photograph() -> Callable[..., Shot]:
     """Return a function that takes pictures of pallets, each picture once."""
     kept: dict[CameraModel, CameraRays] = {}
 
@@ -143,7 +143,7 @@ def photograph() -> Callable[..., ShotView]:
         mounting: tuple[float, ...],
         loaded: bool = True,
         seed: int = 0,
-    ) -> ShotView:
+    ) -> Shot:
         solids = tuple(solid for model, pose in pallets for solid in _around(model, pose, loaded))
         if camera not in kept:
             kept[camera] = camera_rays(camera)
@@ -153,13 +153,13 @@ def photograph() -> Callable[..., ShotView]:
         closed = camera.period_px is not None
         image = expose(picture.radiance, Sensor(), closed, np.random.default_rng(seed))
         image.setflags(write=False)
-        return ShotView(image, Projector(camera), Mounting(forklift_from_camera), forklift_from_camera.inv())
+        return Shot(image, camera, Mounting(forklift_from_camera))
 
     return taken
 
 
 @pytest.fixture(scope="session")
-def portrait(photograph: Callable[..., ShotView], narrow_view: CameraModel) -> Callable[..., ShotView]:
+def portrait(photograph: Callable[..., Shot], narrow_view: CameraModel) -> Callable[..., Shot]:
     """Return a function that takes a picture of one pallet with a small camera aimed at it."""
 
     def aimed(
@@ -167,7 +167,7 @@ def portrait(photograph: Callable[..., ShotView], narrow_view: CameraModel) -> C
         pose: LevelPose,
         center: tuple[float, float, float] = (0.3, -0.08, 1.85),
         seed: int = 0,
-    ) -> ShotView:
+    ) -> Shot:
         x, y, z = np.array([pose.x, pose.y, pose.z + model.height / 2]) - center
         aim = np.degrees([np.arctan2(y, x), np.arctan2(-z, np.hypot(x, y))])
         return photograph(((model, pose),), narrow_view, (*center, *aim.tolist(), 0.8), seed=seed)
@@ -185,24 +185,21 @@ def floor_pallets(open_below: PalletModel, t11: PalletModel) -> tuple[Placed, ..
 
 
 @pytest.fixture(scope="session")
-def floor_shot(
-    photograph: Callable[..., ShotView], floor_pallets: tuple[Placed, ...], whole_view: CameraModel
-) -> ShotView:
+def floor_shot(photograph: Callable[..., Shot], floor_pallets: tuple[Placed, ...], whole_view: CameraModel) -> Shot:
     """Return a 360-degree shot of the pallets on the floor."""
     return photograph(floor_pallets, whole_view, (0.3, -0.08, 1.85, -1.2, 0.9, -0.7))
 
 
 @pytest.fixture(scope="session")
-def floor_localizer(floor_shot: ShotView, floor_pallets: tuple[Placed, ...]) -> Callable[..., Localizer]:
-    """Return a function that makes a localizer for the camera and the pallets of `floor_shot`."""
+def floor_localizer(floor_pallets: tuple[Placed, ...]) -> Callable[..., Localizer]:
+    """Return a function that makes a localizer for the pallets of `floor_shot`."""
 
     def made(
         method: Method = Method.HORIZONTAL_PLANE,
-        mounting: Mounting = floor_shot.mounting,
         models: Sequence[PalletModel] = tuple(model for model, _ in floor_pallets),
         config: LocalizerConfig | None = None,
     ) -> Localizer:
-        return Localizer(floor_shot.projector.camera, mounting, models, method, config)
+        return Localizer(models, method, config)
 
     return made
 
@@ -218,18 +215,15 @@ def rack_pallets(t11: PalletModel) -> tuple[Placed, ...]:
 
 
 @pytest.fixture(scope="session")
-def rack_shot(
-    photograph: Callable[..., ShotView], rack_pallets: tuple[Placed, ...], whole_view: CameraModel
-) -> ShotView:
+def rack_shot(photograph: Callable[..., Shot], rack_pallets: tuple[Placed, ...], whole_view: CameraModel) -> Shot:
     """Return a 360-degree shot from a camera 1.3 m above the floor."""
     return photograph(rack_pallets, whole_view, (0.1, 0.0, 1.3, 0.5, -0.4, 0.6))
 
 
 @pytest.fixture(scope="session")
-def blank_shot(floor_shot: ShotView) -> ShotView:
+def blank_shot(floor_shot: Shot) -> Shot:
     """Return a shot without anything to see, from where `floor_shot` was taken."""
-    image = np.full_like(floor_shot.image, 128)
-    return ShotView(image, floor_shot.projector, floor_shot.mounting, floor_shot.camera_from_forklift)
+    return replace(floor_shot, image=np.full_like(floor_shot.image, 128))
 
 
 @pytest.fixture(scope="session")

@@ -5,28 +5,29 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from palletloc.horizontal_view import BoundaryMethod
-from palletloc.joint_search import JointSearchConfig
 
 from palletloc.baselines import measure_as_in_paper, measure_jointly
-from palletloc.candidate import Candidate, ShotView
+from palletloc.candidate import Candidate, Fit, Refusal
 from palletloc.config import LocalizerConfig
 from palletloc.geometry import LevelPose
 from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
 from palletloc.pallet import PalletModel
+from palletloc.paper.horizontal_view import BoundaryMethod
+from palletloc.paper.joint_search import JointSearchConfig
+from palletloc.shot import Shot
 
 POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
 FLOOR = HeightPrior(0.0, 0.003)
 CONFIG = replace(LocalizerConfig(), joint_search=JointSearchConfig(turns=9, depths=9))
-Portrait = Callable[..., ShotView]
+Portrait = Callable[..., Shot]
 Placed = tuple[PalletModel, LevelPose]
-Measure = Callable[[ShotView, Candidate, LocalizerConfig], None]
+Measure = Callable[[Shot, Candidate, LocalizerConfig], None]
 BOTH = pytest.mark.parametrize("measure", [measure_as_in_paper, measure_jointly], ids=["paper", "joint_search"])
 
 
 def measured(
     measure: Measure,
-    shot: ShotView,
+    shot: Shot,
     model: PalletModel,
     start: LevelPose = POSE,
     config: LocalizerConfig = CONFIG,
@@ -88,7 +89,7 @@ def test_a_place_out_of_range_is_refused(measure: Measure, portrait: Portrait, t
 
 
 def test_the_paper_has_no_answer_for_a_pallet_level_with_the_camera(
-    rack_shot: ShotView, rack_pallets: tuple[Placed, ...]
+    rack_shot: Shot, rack_pallets: tuple[Placed, ...]
 ) -> None:
     model, level = rack_pallets[1]
     found = measured(measure_as_in_paper, rack_shot, model, level)

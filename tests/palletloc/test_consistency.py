@@ -8,16 +8,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palletloc.candidate import ShotView
 from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 from palletloc.localizer import Localizer, Start
 from palletloc.pallet import PalletModel
+from palletloc.shot import Shot
 from palletloc.synthetic.aisle import misshapen
 from palletloc.synthetic.rig import disturbed
 
 COUNT = 45
 FLOOR, LEVEL, ABOVE = 0.0, 1.7, 2.9
-Portrait = Callable[..., ShotView]
+Portrait = Callable[..., Shot]
 
 
 def squared_errors(
@@ -35,9 +35,7 @@ def squared_errors(
         mounting = replace(shot.mounting, forklift_from_camera=recorded)
         start = LevelPose(*(pose.as_array() + rng.normal(0.0, [0.02, 0.02, 0.0, 0.02])).tolist())
         levels = (z,) if known else ()
-        found = Localizer(shot.projector.camera, mounting, [model]).localize_from(
-            shot.image, 0.0, [Start(model.name, start)], levels
-        )[0]
+        found = Localizer(shot.camera, mounting, [model]).localize_from(shot, [Start(model.name, start)], levels)[0]
         if found is not None:
             error = found.forklift_from_pallet.as_array() - pose.as_array()
             error[3] = wrap_angle(error[3])

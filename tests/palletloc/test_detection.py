@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palletloc.candidate import ShotView
 from palletloc.detection import Detection, detect
 from palletloc.geometry import Image, LevelPose, wrap_angle
 from palletloc.pallet import PalletModel
 from palletloc.shelf import ShelfPlane
 from palletloc.shelf_view import DetectionConfig, ShelfPlaneError, ShelfView
+from palletloc.shot import Shot
 
 CONFIG = DetectionConfig()
 SHELF = ShelfPlane(1.3, 2.0, -np.pi / 2, (0.0,))
@@ -19,7 +19,7 @@ Placed = tuple[PalletModel, LevelPose]
 
 
 def detected(
-    shot: ShotView,
+    shot: Shot,
     models: Sequence[PalletModel],
     shelf: ShelfPlane = SHELF,
     image: Image | None = None,
@@ -45,7 +45,7 @@ def hits(found: Sequence[Detection], model: PalletModel, truth: LevelPose) -> li
     "off", [(0.0, 0.0), (0.08, 0.0), (-0.08, 0.0), (0.04, 1.5), (-0.04, -1.5)], ids=lambda off: f"{off}"
 )
 def test_pallets_are_found_with_the_plane_off_by_centimetres_and_a_degree(
-    off: tuple[float, float], floor_shot: ShotView, floor_pallets: tuple[Placed, ...]
+    off: tuple[float, float], floor_shot: Shot, floor_pallets: tuple[Placed, ...]
 ) -> None:
     shelf = replace(SHELF, y=SHELF.y + off[0], facing=SHELF.facing + np.radians(off[1]))
     models = [model for model, _ in floor_pallets]
@@ -56,7 +56,7 @@ def test_pallets_are_found_with_the_plane_off_by_centimetres_and_a_degree(
 
 
 def test_the_most_promising_detection_of_each_model_is_its_pallet(
-    floor_shot: ShotView, floor_pallets: tuple[Placed, ...]
+    floor_shot: Shot, floor_pallets: tuple[Placed, ...]
 ) -> None:
     for model, pose in floor_pallets:
         found, _ = detected(floor_shot, [model])
@@ -65,7 +65,7 @@ def test_the_most_promising_detection_of_each_model_is_its_pallet(
         assert promises == sorted(promises, reverse=True)
 
 
-def test_without_levels_the_whole_plane_is_searched(rack_shot: ShotView, rack_pallets: tuple[Placed, ...]) -> None:
+def test_without_levels_the_whole_plane_is_searched(rack_shot: Shot, rack_pallets: tuple[Placed, ...]) -> None:
     models = [rack_pallets[0][0]]
     found, views = detected(rack_shot, models, replace(SHELF, levels=()))
     assert len(views) == 1
@@ -75,7 +75,7 @@ def test_without_levels_the_whole_plane_is_searched(rack_shot: ShotView, rack_pa
 
 
 def test_with_levels_each_band_is_searched_for_what_stands_there(
-    rack_shot: ShotView, rack_pallets: tuple[Placed, ...]
+    rack_shot: Shot, rack_pallets: tuple[Placed, ...]
 ) -> None:
     levels = tuple(pose.z for _, pose in rack_pallets)
     found, views = detected(rack_shot, [rack_pallets[0][0]], replace(SHELF, levels=levels))
@@ -85,9 +85,7 @@ def test_with_levels_each_band_is_searched_for_what_stands_there(
         assert hits(found, model, pose)
 
 
-def test_detections_of_a_model_on_a_level_stand_apart(
-    floor_shot: ShotView, floor_pallets: tuple[Placed, ...]
-) -> None:
+def test_detections_of_a_model_on_a_level_stand_apart(floor_shot: Shot, floor_pallets: tuple[Placed, ...]) -> None:
     models = [model for model, _ in floor_pallets]
     found, _ = detected(floor_shot, models)
     for model in models:
@@ -98,14 +96,12 @@ def test_detections_of_a_model_on_a_level_stand_apart(
                 assert np.hypot(one.x - other.x, one.y - other.y) >= 0.9 * CONFIG.min_depth_spacing
 
 
-def test_the_same_shot_gives_the_same_detections(floor_shot: ShotView, floor_pallets: tuple[Placed, ...]) -> None:
+def test_the_same_shot_gives_the_same_detections(floor_shot: Shot, floor_pallets: tuple[Placed, ...]) -> None:
     models = [model for model, _ in floor_pallets]
     assert detected(floor_shot, models)[0] == detected(floor_shot, models)[0]
 
 
-def test_the_mirrored_shelf_gives_mirrored_detections(
-    floor_shot: ShotView, floor_pallets: tuple[Placed, ...]
-) -> None:
+def test_the_mirrored_shelf_gives_mirrored_detections(floor_shot: Shot, floor_pallets: tuple[Placed, ...]) -> None:
     mirror = np.diag([1.0, -1.0, 1.0, 1.0])
     matrix = mirror @ floor_shot.mounting.forklift_from_camera.as_matrix() @ mirror
     mounting = type(floor_shot.mounting.forklift_from_camera).from_matrix(matrix)
@@ -118,13 +114,13 @@ def test_the_mirrored_shelf_gives_mirrored_detections(
         assert hits(found, model, mirrored)
 
 
-def test_nothing_is_found_in_a_plain_image(blank_shot: ShotView, epal: PalletModel) -> None:
+def test_nothing_is_found_in_a_plain_image(blank_shot: Shot, epal: PalletModel) -> None:
     found, views = detected(blank_shot, [epal])
     assert found == []
     assert len(views) == 1
 
 
-def test_a_shelf_out_of_range_or_behind_has_nothing(floor_shot: ShotView, epal: PalletModel) -> None:
+def test_a_shelf_out_of_range_or_behind_has_nothing(floor_shot: Shot, epal: PalletModel) -> None:
     far = ShelfPlane(1.3, 20.0, -np.pi / 2, (0.0,))
     behind = ShelfPlane(-4.0, 0.0, 0.0, (0.0,))
     for shelf in (far, behind):
@@ -133,7 +129,7 @@ def test_a_shelf_out_of_range_or_behind_has_nothing(floor_shot: ShotView, epal: 
 
 
 def test_a_level_too_high_to_be_seen_does_not_keep_the_others_from_being_searched(
-    floor_shot: ShotView, floor_pallets: tuple[Placed, ...]
+    floor_shot: Shot, floor_pallets: tuple[Placed, ...]
 ) -> None:
     models = [model for model, _ in floor_pallets]
     found, _ = detected(floor_shot, models, replace(SHELF, levels=(0.0, 1.5, 9.0)))
@@ -142,13 +138,13 @@ def test_a_level_too_high_to_be_seen_does_not_keep_the_others_from_being_searche
     assert all(one.level != 9.0 for one in found)
 
 
-def test_a_plane_behind_the_camera_is_refused(floor_shot: ShotView, epal: PalletModel) -> None:
+def test_a_plane_behind_the_camera_is_refused(floor_shot: Shot, epal: PalletModel) -> None:
     with pytest.raises(ShelfPlaneError):
         detected(floor_shot, [epal], replace(SHELF, facing=np.pi / 2))
 
 
 def test_the_yaws_that_may_be_surround_the_shelf_s_and_every_pallet_s(
-    floor_shot: ShotView, floor_pallets: tuple[Placed, ...]
+    floor_shot: Shot, floor_pallets: tuple[Placed, ...]
 ) -> None:
     for off in (-1.5, 0.0, 1.5):
         shelf = replace(SHELF, facing=SHELF.facing + np.radians(off))

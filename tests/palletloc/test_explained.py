@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palletloc.candidate import ShotView
+from palletloc.candidate import Fit
 from palletloc.edge_fit import EdgeFit
 from palletloc.explained import EdgeFate, SearchAxes, account_edges, edge_name, name_candidates
 from palletloc.face import EdgeKind, EdgeShift, FaceEdge, face_lines
@@ -19,6 +19,7 @@ from palletloc.localizer import Localizer, Start
 from palletloc.pallet import Opening, PalletModel
 from palletloc.refinement.edges import MeasuredEdge, SeenFace
 from palletloc.shelf import ShelfPlane
+from palletloc.shot import Shot
 
 Placed = tuple[PalletModel, LevelPose]
 
@@ -27,12 +28,13 @@ FROM_ABOVE, FROM_BELOW = np.array([0.2, 1.2, 2.0]), np.array([0.2, -0.6, 2.0])
 
 
 def measured(edge: FaceEdge) -> MeasuredEdge:
-    return MeasuredEdge(edge, EdgeFit(0.002, 0.0, 1e-3, 1e-3, 0.9, 20.0), 0.003, EdgeShift(0.0, 0.004, True), 0.004)
+    fit, shift = EdgeFit(0.002, 0.0, 1e-3, 1e-3, 0.9, 20.0), EdgeShift(0.0, 0.004, True)
+    return MeasuredEdge(edge, fit, 0.003, shift, 0.004, 1.0)
 
 
 def face(edges: list[FaceEdge], weights: list[float], camera: Any = FROM_ABOVE, **fields: Any) -> Any:
     """Return what stands for a fit: its edges and their weights."""
-    seen = SeenFace(camera, tuple(measured(edge) for edge in edges), expected=len(edges))
+    seen = SeenFace(camera, np.eye(4), (), tuple(measured(edge) for edge in edges), expected=len(edges))
     return SimpleNamespace(seen=seen, weights=np.array(weights), **({"hidden": ()} | fields))
 
 
@@ -136,24 +138,24 @@ def test_turns_and_factors_become_yaws_and_distances() -> None:
 
 
 def test_pallets_are_named_from_left_to_right(
-    floor_localizer: Callable[..., Localizer], floor_shot: ShotView, floor_pallets: tuple[Placed, ...]
+    floor_localizer: Callable[..., Localizer], floor_shot: Shot, floor_pallets: tuple[Placed, ...]
 ) -> None:
     # the shelf is to the left: what is nearer ahead is farther to the right
     (left, _), (right, _) = sorted(floor_pallets, key=lambda placed: placed[1].x)
     starts = [Start(model.name, pose) for model, pose in reversed(floor_pallets)]
-    explained = floor_localizer().explain_from(floor_shot.image, 0.0, starts, (0.0,))
+    explained = floor_localizer().explain_from(floor_shot, starts, (0.0,))
     named = dict(name_candidates(explained))
-    assert (named["P1"].model.name, named["P2"].model.name) == (left.name, right.name)
+    assert (named["P1"].candidate.model.name, named["P2"].candidate.model.name) == (left.name, right.name)
 
 
 def test_what_was_given_up_has_names_of_its_own(
-    floor_localizer: Callable[..., Localizer], floor_shot: ShotView, t11: PalletModel
+    floor_localizer: Callable[..., Localizer], floor_shot: Shot, t11: PalletModel
 ) -> None:
     shelf = ShelfPlane(1.0, 2.0, np.radians(-90.0), (0.0,))
-    explained = floor_localizer(models=[t11]).explain(floor_shot.image, 1.5, shelf)
+    explained = floor_localizer(models=[t11]).explain(floor_shot, shelf)
     named = name_candidates(explained)
-    assert len(named) == len(explained.candidates) == len({name for name, _ in named})
-    for name, candidate in named:
-        assert name.startswith("P") == (candidate.refusal is None)
-    scores = [candidate.score for name, candidate in named if name.startswith("C")]
+    assert len(named) == len(explained.outcomes) == len({name for name, _ in named})
+    for name, outcome in named:
+        assert name.startswith("P") == isinstance(outcome, Fit)
+    scores = [outcome.candidate.score for name, outcome in named if name.startswith("C")]
     assert scores == sorted(scores, reverse=True)

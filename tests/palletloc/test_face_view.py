@@ -7,19 +7,19 @@ import numpy as np
 import pytest
 from palletloc.face_view import view_face, visible_lines
 
-from palletloc.candidate import ShotView
 from palletloc.face import EdgeKind, face_lines
 from palletloc.geometry import LevelPose
 from palletloc.measurement import Reason
 from palletloc.pallet import PalletModel
 from palletloc.plane import PlaneView
+from palletloc.shot import Shot
 
 POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
 FINEST = 0.003
-Portrait = Callable[..., ShotView]
+Portrait = Callable[..., Shot]
 
 
-def seen_at(shot: ShotView, pose: LevelPose, model: PalletModel) -> PlaneView | Reason:
+def seen_at(shot: Shot, pose: LevelPose, model: PalletModel) -> PlaneView | Reason:
     return view_face(shot.projector, shot.image, shot.camera_from_forklift, pose, model, FINEST)
 
 

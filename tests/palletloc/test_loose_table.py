@@ -4,13 +4,12 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from palletloc.loose_table import MAX_ERROR_PX
 from scipy.spatial.transform import RigidTransform
 
 from palletloc.cameras import CameraModel, Equirectangular, Pinhole
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.plane import PALLET_FROM_VERTICAL, PlaneGrid, place_plane
-from palletloc.projection import Projector
+from palletloc.projection import MAX_ERROR_PX, Projector
 from palletloc.remap_table import Interpolation, RemapTable, exact_map
 
 GRID = PlaneGrid.spanning(-2.0, 4.0, -0.3, 0.9, 0.012)

@@ -8,8 +8,15 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from palletloc.refined import measure_refined
-from palletloc.refinement.alignment import (
+
+from palletloc.candidate import Candidate, Fit, Refusal
+from palletloc.config import LocalizerConfig
+from palletloc.face import FaceEdge, face_lines
+from palletloc.geometry import FloatArray, LevelPose, wrap_angle
+from palletloc.measurement import HeightPrior, Reason
+from palletloc.methods import measure_refined
+from palletloc.pallet import PalletModel
+from palletloc.refinement.face_fit import (
     EDGES_PER_NAT,
     HIDDEN_DOUBT,
     FaceEstimate,
@@ -17,13 +24,7 @@ from palletloc.refinement.alignment import (
     YawPrior,
     fit_face,
 )
-
-from palletloc.candidate import Candidate, ShotView
-from palletloc.config import LocalizerConfig
-from palletloc.face import FaceEdge, face_lines
-from palletloc.geometry import FloatArray, LevelPose, wrap_angle
-from palletloc.measurement import HeightPrior, Reason
-from palletloc.pallet import PalletModel
+from palletloc.shot import Shot
 
 POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
 FLOOR = HeightPrior(0.0, 0.003)
@@ -37,14 +38,14 @@ BEFORE = 0.05
 TALL = 1.5
 """Height of the board, in metres."""
 COLOURS = {"orange": (60, 140, 190), "dark": (40, 40, 40)}
-Portrait = Callable[..., ShotView]
+Portrait = Callable[..., Shot]
 
 
-def behind(shot: ShotView, left: float, right: float, colour: str = "orange") -> ShotView:
+def behind(shot: Shot, left: float, right: float, colour: str = "orange") -> Shot:
     """Stand a flat board upright before a stretch of the face; places on it in metres from its middle."""
     rows, columns = np.mgrid[: shot.image.shape[0], : shot.image.shape[1]]
-    rays, origins, _ = shot.projector.camera.unproject(np.stack([columns, rows], -1).astype(float))
-    pallet_from_camera = (shot.camera_from_forklift * POSE.transform()).inv().as_matrix()
+    rays, origins, _ = shot.camera.unproject(np.stack([columns, rows], -1).astype(float))
+    pallet_from_camera = (shot.mounting.to_camera * POSE.transform()).inv().as_matrix()
     rays = rays @ pallet_from_camera[:3, :3].T
     origins = origins @ pallet_from_camera[:3, :3].T + pallet_from_camera[:3, 3]
     points = origins + rays * ((-BEFORE - origins[..., 0]) / rays[..., 0])[..., None]
@@ -70,18 +71,18 @@ def covered(model: PalletModel, side: str, part: float) -> tuple[float, float]:
     return ends[side]
 
 
-def measured(shot: ShotView, model: PalletModel, start: LevelPose) -> Candidate:
+def measured(shot: Shot, model: PalletModel, start: LevelPose) -> Candidate:
     candidate = Candidate(model, start, FLOOR)
     measure_refined(shot, candidate, CONFIG)
     return candidate
 
 
-def fitted(shot: ShotView, model: PalletModel, config: FaceFitConfig = CONFIG.face_fit) -> FaceEstimate | Reason:
-    camera, known = shot.projector.camera, YawPrior(float(np.radians(0.1)), 0.0)
+def fitted(shot: Shot, model: PalletModel, config: FaceFitConfig = CONFIG.face_fit) -> FaceEstimate | Reason:
+    camera, known = shot.camera, YawPrior(float(np.radians(0.1)), 0.0)
     return fit_face(camera, shot.image, shot.mounting, POSE, model, FLOOR, known, 0.1, config)
 
 
-def estimate(shot: ShotView, model: PalletModel) -> FaceEstimate:
+def estimate(shot: Shot, model: PalletModel) -> FaceEstimate:
     found = fitted(shot, model)
     assert isinstance(found, FaceEstimate)
     return found

@@ -5,25 +5,26 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from palletloc.boundary import BoundaryLine
-from palletloc.pipeline import horizontal_plane_for, measure_on_planes, nearest_line
 
+from palletloc.baselines import horizontal_plane_for, measure_on_planes, nearest_line
 from palletloc.cameras import CameraModel
-from palletloc.candidate import Candidate, ShotView
+from palletloc.candidate import Candidate, Fit, Refusal
 from palletloc.config import LocalizerConfig
 from palletloc.geometry import LevelPose
 from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
 from palletloc.pallet import PalletModel
+from palletloc.paper.boundary import BoundaryLine
+from palletloc.shot import Shot
 
 POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
 FLOOR = HeightPrior(0.0, 0.003)
 CONFIG = LocalizerConfig()
-Portrait = Callable[..., ShotView]
+Portrait = Callable[..., Shot]
 Placed = tuple[PalletModel, LevelPose]
 
 
 def measured(
-    shot: ShotView,
+    shot: Shot,
     model: PalletModel,
     start: LevelPose,
     height: HeightPrior | None,
@@ -70,7 +71,7 @@ def test_every_step_leaves_its_result(portrait: Portrait, t11: PalletModel) -> N
 
 @pytest.mark.parametrize("max_doubt", [CONFIG.face_fit.max_doubt, -1e6], ids=["certain", "never_certain"])
 def test_the_last_horizontal_view_is_the_one_that_gave_the_yaw(
-    max_doubt: float, floor_shot: ShotView, floor_pallets: tuple[Placed, ...]
+    max_doubt: float, floor_shot: Shot, floor_pallets: tuple[Placed, ...]
 ) -> None:
     config = replace(CONFIG, face_fit=replace(CONFIG.face_fit, max_doubt=max_doubt))
     for model, pose in floor_pallets:
@@ -101,7 +102,7 @@ def test_any_start_near_the_pallet_leads_to_the_same_pose(
     assert abs(apart[3]) < np.radians(0.15)
 
 
-def test_the_height_chooses_where_the_yaw_comes_from(rack_shot: ShotView, rack_pallets: tuple[Placed, ...]) -> None:
+def test_the_height_chooses_where_the_yaw_comes_from(rack_shot: Shot, rack_pallets: tuple[Placed, ...]) -> None:
     expected = [YawSource.BOTTOM, YawSource.FACE, YawSource.TOP]
     for (model, pose), source in zip(rack_pallets, expected, strict=True):
         assert horizontal_plane_for(rack_shot, Candidate(model, pose, None), CONFIG) is source
@@ -117,7 +118,7 @@ def test_the_height_chooses_where_the_yaw_comes_from(rack_shot: ShotView, rack_p
 
 
 def test_near_the_cameras_height_the_covariance_tells_that_the_yaw_is_weak(
-    rack_shot: ShotView, rack_pallets: tuple[Placed, ...]
+    rack_shot: Shot, rack_pallets: tuple[Placed, ...]
 ) -> None:
     sigmas = []
     for model, pose in rack_pallets[:2]:
@@ -147,7 +148,7 @@ def test_a_start_from_which_nothing_can_be_seen_is_refused(
 def test_a_face_cut_by_the_images_border_is_refused(
     aside_deg: float,
     portrait: Portrait,
-    photograph: Callable[..., ShotView],
+    photograph: Callable[..., Shot],
     narrow_view: CameraModel,
     t11: PalletModel,
 ) -> None:
@@ -155,7 +156,7 @@ def test_a_face_cut_by_the_images_border_is_refused(
     yaw, pitch, roll = straight.rotation.as_euler("ZYX", degrees=True).tolist()
     shot = photograph(((t11, POSE),), narrow_view, (*straight.translation, yaw + aside_deg, pitch, roll))
     corners = POSE.transform().apply([[0.0, side * t11.width / 2, 0.0] for side in (-1, 1)])
-    seen = narrow_view.project(shot.camera_from_forklift.apply(corners)).valid
+    seen = narrow_view.project(shot.mounting.to_camera.apply(corners)).valid
     assert seen.sum() == 1
     candidate = measured(shot, t11, POSE, FLOOR)
     assert candidate.refusal is not None

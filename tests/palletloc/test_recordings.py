@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from palletloc.offline import Job, read_job
 
 from palletloc.geometry import FloatArray, LevelPose, level_pose, wrap_angle
 from palletloc.io.recording import Recording
 from palletloc.measurement import PalletMeasurement
+from palletloc.recording_run import Job, read_job
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data"
 MAX_RANGE = 4.5

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from palletloc.refinement.alignment import FaceEstimate, FaceFitConfig, YawPrior, fit_face
-from palletloc.refinement.appearance import opening_contrasts
 from scipy.spatial.transform import RigidTransform
 
-from palletloc.candidate import ShotView
+from palletloc.contrast import opening_contrasts
 from palletloc.geometry import FloatArray, LevelPose, level_pose
 from palletloc.measurement import HeightPrior, Reason
 from palletloc.pallet import Opening, PalletModel
+from palletloc.refinement.face_fit import FaceEstimate, FaceFitConfig, YawPrior, fit_face
 from palletloc.refinement.hypotheses import score_pose
 from palletloc.refinement.patch import FacePatch, view_patch
+from palletloc.shot import Shot
 from palletloc.verification import Signs, Verification, VerificationConfig, of_use, overlapping, verify
 
 POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
@@ -25,15 +25,15 @@ FLOOR = HeightPrior(0.0, 0.003)
 CONFIG = VerificationConfig()
 WIDE = PalletModel("wide", 1.2, 0.144, 0.8, (Opening(0.0, 0.02, 0.4, 0.1),))
 NARROW = PalletModel("narrow", 0.8, 0.144, 1.2, (Opening(0.0, 0.02, 0.4, 0.1),))
-Portrait = Callable[..., ShotView]
+Portrait = Callable[..., Shot]
 
 metres, angles = st.floats(-20.0, 20.0), st.floats(-3.1, 3.1)
 places = st.builds(LevelPose, metres, metres, st.floats(0.0, 5.0), angles)
 
 
-def fitted(shot: ShotView, model: PalletModel) -> FaceEstimate:
+def fitted(shot: Shot, model: PalletModel) -> FaceEstimate:
     found = fit_face(
-        shot.projector.camera,
+        shot.camera,
         shot.image,
         shot.mounting,
         POSE,
@@ -52,13 +52,13 @@ def beside(pose: LevelPose, into: float, left: float, up: float = 0.0, turn: flo
     return level_pose(pose.transform() * LevelPose(into, left, up, turn).transform())
 
 
-def surroundings(shot: ShotView) -> FacePatch:
-    seen = view_patch(shot.projector, shot.image, shot.camera_from_forklift, POSE, (-0.7, 0.7, -0.1, 0.25), 0.005)
+def surroundings(shot: Shot) -> FacePatch:
+    seen = view_patch(shot, POSE, (-0.7, 0.7, -0.1, 0.25), 0.005)
     assert isinstance(seen, FacePatch)
     return seen
 
 
-def verified(shot: ShotView, model: PalletModel) -> Verification:
+def verified(shot: Shot, model: PalletModel) -> Verification:
     """What a shot shows of a pallet at its pose."""
     estimate, patch = fitted(shot, model), surroundings(shot)
     contrast = float(opening_contrasts(patch, model, POSE).min())
@@ -66,13 +66,13 @@ def verified(shot: ShotView, model: PalletModel) -> Verification:
     return verify(Signs(contrast, estimate.coverage, score, estimate.doubt), CONFIG)
 
 
-def boarded_up(shot: ShotView, model: PalletModel) -> ShotView:
+def boarded_up(shot: Shot, model: PalletModel) -> Shot:
     """The shot with a board over each opening and a little more, in the colour of the middle block."""
 
     def pixels(points: list[tuple[float, float]]) -> FloatArray:
         in_pallet = [[0.0, -right, up] for right, up in points]
-        in_camera = shot.camera_from_forklift.apply(POSE.transform().apply(in_pallet))
-        return shot.projector.camera.project(in_camera).pixels
+        in_camera = shot.mounting.to_camera.apply(POSE.transform().apply(in_pallet))
+        return shot.camera.project(in_camera).pixels
 
     image, high = shot.image.copy(), model.height / 2
     column, row = np.rint(pixels([(0.0, high)])[0]).astype(int)
@@ -100,7 +100,7 @@ def test_a_face_without_openings_is_no_pallet(name: str, portrait: Portrait, req
     assert contrast < 1.5
     score = score_pose(surroundings(board), model, POSE)
     assert score < score_pose(surroundings(shot), model, POSE)
-    camera, prior = shot.projector.camera, YawPrior(0.002, 0.0)
+    camera, prior = shot.camera, YawPrior(0.002, 0.0)
     seen = fit_face(camera, board.image, shot.mounting, POSE, model, FLOOR, prior, 0.1, FaceFitConfig())
     if isinstance(seen, FaceEstimate):
         assert verify(Signs(contrast, seen.coverage, score, seen.doubt), CONFIG).reason is not None

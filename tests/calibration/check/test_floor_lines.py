@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from calibration.check.floor_lines import FloorSights, floor_sights, floor_tilt
+from calibration.check.floor_lines import FloorSegments, floor_segments, floor_tilt
 from calibration.shelf.line_segments import Segments
 from palletloc.geometry import FloatArray
 from palletloc.shelf import ShelfPlane
@@ -14,7 +14,7 @@ def turned(vectors: FloatArray, turn: FloatArray) -> FloatArray:
     return vectors + np.cross(np.array([*turn, 0.0]), vectors)
 
 
-def floor(rng: np.random.Generator, turn: FloatArray, lines: list[tuple[float, float]]) -> FloorSights:
+def floor(rng: np.random.Generator, turn: FloatArray, lines: list[tuple[float, float]]) -> FloorSegments:
     """Return lines of a floor, each a heading and the distance from odom's origin, seen along a way of two metres."""
     shots, poses = [], []
     for way in np.linspace(0.0, 2.0, 5):
@@ -31,7 +31,7 @@ def floor(rng: np.random.Generator, turn: FloatArray, lines: list[tuple[float, f
         count = len(normals)
         shots.append(Segments(np.array(normals), np.array(middles), np.full(count, 0.2), np.full(count, 0.0005)))
         poses.append([way, 0.0, 0.0])
-    return floor_sights(shots, np.array(poses), CENTER, FRONT)
+    return floor_segments(shots, np.array(poses), CENTER, FRONT)
 
 
 def test_lines_on_the_floor_tell_the_turn_within_what_they_state() -> None:

@@ -1,6 +1,6 @@
 import numpy as np
 
-from calibration.check.pallet_heights import HeightSights, height_estimate
+from calibration.check.pallet_heights import PalletElevations, height_estimate
 from palletloc.geometry import FloatArray
 
 CENTER = np.array([0.3, 0.1, 1.8])
@@ -10,7 +10,7 @@ def turned(vectors: FloatArray, turn: FloatArray) -> FloatArray:
     return vectors + np.cross(np.array([*turn, 0.0]), vectors)
 
 
-def sights(rng: np.random.Generator, turn: FloatArray, higher: float, pallets: int = 4) -> HeightSights:
+def sights(rng: np.random.Generator, turn: FloatArray, higher: float, pallets: int = 4) -> PalletElevations:
     """Return pallets on both levels, as a camera sees them that is turned and higher than stated."""
     levels = np.array([0.0, 1.5])[np.arange(pallets) % 2]
     heights, off = levels + 0.006 * rng.standard_normal(pallets), 0.006 * rng.standard_normal(pallets)
@@ -22,7 +22,7 @@ def sights(rng: np.random.Generator, turn: FloatArray, higher: float, pallets: i
             seen = float(np.arctan2(ray[2], np.hypot(*ray[:2]))) + 0.001 * rng.standard_normal()
             rows.append((i, np.arctan2(ray[1], ray[0]), float(np.hypot(*place[:2])) + off[i], seen, 0.001))
     pallet, azimuth, distance, elevation, sigma = np.array(rows).T
-    return HeightSights(pallet, azimuth, distance, elevation, sigma, levels, np.full(pallets, 0.006))
+    return PalletElevations(pallet, azimuth, distance, elevation, sigma, levels, np.full(pallets, 0.006))
 
 
 def test_pallets_tell_the_turn_and_the_height_within_what_they_state() -> None:
@@ -50,7 +50,7 @@ def test_a_known_tilt_tells_the_height_better() -> None:
 
 def test_a_pallet_of_unknown_height_still_tells_the_pitch_but_not_the_height() -> None:
     known = sights(np.random.default_rng(5), np.radians([0.0, 0.5]), 0.0)
-    free = HeightSights(
+    free = PalletElevations(
         known.pallet, known.azimuth, known.distance, known.elevation, known.sigma, known.heights, np.full(4, 0.3)
     )
     estimate = height_estimate(free, CENTER[2])
@@ -62,7 +62,7 @@ def test_a_pallet_of_unknown_height_still_tells_the_pitch_but_not_the_height() -
 
 def test_too_few_pallets_tell_nothing() -> None:
     alone = sights(np.random.default_rng(0), np.zeros(2), 0.0, pallets=1)
-    few = HeightSights(
+    few = PalletElevations(
         alone.pallet[:5], alone.azimuth[:5], alone.distance[:5], alone.elevation[:5], alone.sigma[:5], alone.heights,
         alone.height_sigmas,
     )  # fmt: skip

@@ -11,9 +11,9 @@ import pytest
 import yaml
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from calibration.formats.camera_file import read_own
 from calibration.intrinsics.task import Chessboard
 from calibration.targets.targets import CharucoBoard
+from palletloc import read_camera
 from palletloc.__main__ import COMMANDS
 from palletloc.cameras import CameraModel, Eucm
 from palletloc.cli.app import run
@@ -94,7 +94,7 @@ def test_charuco_boards_give_the_lens(charuco: Path, tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["camera.html", "camera.json", "camera.yaml"]
     data = json.loads((tmp_path / "camera.json").read_text())
     assert data["rms_px"] < 0.06
-    assert worst_bearing_deg(read_own(tmp_path / "camera.yaml"), 55) < 0.05
+    assert worst_bearing_deg(read_camera(tmp_path / "camera.yaml"), 55) < 0.05
     page = (tmp_path / "camera.html").read_text()
     assert page.count('src="data:image/png;base64,') == page.count("<img ") == 5
     assert "http" not in page
@@ -104,7 +104,7 @@ def test_chessboards_give_the_lens_and_twins_are_named(
     plain: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert calibrate(plain, tmp_path / "camera.yaml", "kannala_brandt") == 0
-    assert worst_bearing_deg(read_own(tmp_path / "camera.yaml"), 50) < 0.15
+    assert worst_bearing_deg(read_camera(tmp_path / "camera.yaml"), 50) < 0.15
     told = capsys.readouterr().err
     assert "duplicate_view: again.png is the same as 2.png" in told
     assert "no_board: empty.png shows no whole board" in told
@@ -133,7 +133,7 @@ def corner_folder(folder: Path, lines: list[str]) -> Path:
 
 def test_a_table_of_corners_gives_the_lens(tmp_path: Path) -> None:
     assert calibrate(corner_folder(tmp_path / "in", corner_lines()), tmp_path / "camera.yaml") == 0
-    assert worst_bearing_deg(read_own(tmp_path / "camera.yaml"), 45) < 0.1
+    assert worst_bearing_deg(read_camera(tmp_path / "camera.yaml"), 45) < 0.1
 
 
 def test_a_bad_view_and_a_view_that_is_there_twice_are_named(

@@ -10,10 +10,10 @@ import pytest
 import yaml
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from calibration.formats.camera_file import read_own
 from calibration.intrinsics.board_views import numbered_boards
 from calibration.lenses.problem import BoardView
 from calibration.targets.targets import CharucoBoard
+from palletloc import read_camera
 from palletloc.__main__ import COMMANDS
 from palletloc.cameras import DualFisheye, FisheyeLens, KannalaBrandt
 from palletloc.cli.app import run
@@ -60,8 +60,8 @@ def lines(*, still: bool, shots: int, ring: bool = True) -> list[str]:
         )
         for number, world_from_board in enumerate(boards if still else boards[shot % 4 : shot % 4 + 1]):
             seen = camera.inv().apply(world_from_board.apply(points))
-            for lens, one in enumerate((TRUTH.front, TRUTH.back)):
-                pixels, valid = one.model.project(one.camera_from_lens.inv().apply(seen))
+            for lens, fisheye in enumerate((TRUTH.front, TRUTH.back)):
+                pixels, valid = fisheye.model.project(fisheye.camera_from_lens.inv().apply(seen))
                 if valid.sum() < 12 or not (ring or valid.all()):
                     continue
                 pixels = pixels + rng.normal(0, 0.05, pixels.shape)
@@ -83,11 +83,11 @@ def folder(place: Path, rows: list[str], *, still: bool) -> Path:
     return place
 
 
-@pytest.mark.parametrize(("still", "shots"), [(True, 10), (False, 30)])
+@pytest.mark.parametrize(("still", "shots"), [(True, 10), pytest.param(False, 30, marks=pytest.mark.slow)])
 def test_two_lenses_become_one_camera(tmp_path: Path, still: bool, shots: int) -> None:
     place = folder(tmp_path / "in", lines(still=still, shots=shots), still=still)
     assert run(["calibrate", "intrinsics", str(place), "--out", str(tmp_path / "camera.yaml")], COMMANDS) == 0
-    camera = read_own(tmp_path / "camera.yaml")
+    camera = read_camera(tmp_path / "camera.yaml")
     assert isinstance(camera, DualFisheye)
     found = camera.front.camera_from_lens.inv() * camera.back.camera_from_lens
     truth = TRUTH.front.camera_from_lens.inv() * TRUTH.back.camera_from_lens
@@ -121,7 +121,7 @@ def test_raw_shots_of_boards_give_both_lenses(tmp_path: Path, render: Callable[.
             rng.normal(0, 0.15, 3), Rotation.from_rotvec(rng.normal(0, [0.3, 0.3, 1.5]))
         )
         # The fifth board is never seen.
-        hung = [(one, place.inv() * pose * middle) for one, pose in zip(boards, room(0), strict=False)]
+        hung = [(board, place.inv() * pose * middle) for board, pose in zip(boards, room(0), strict=False)]
         cv2.imwrite(str(tmp_path / f"{i}.png"), render(truth, hung))
         shots.append(f"{i}.png")
     spec = {"columns": 4, "rows": 3, "square_m": 0.2, "marker_m": 0.15, "dictionary": "DICT_4X4_50"}
@@ -131,7 +131,7 @@ def test_raw_shots_of_boards_give_both_lenses(tmp_path: Path, render: Callable[.
     }  # fmt: skip
     (tmp_path / "intrinsics.yaml").write_text(yaml.safe_dump(content))
     assert run(["calibrate", "intrinsics", str(tmp_path), "--out", str(tmp_path / "camera.yaml")], COMMANDS) == 0
-    camera = read_own(tmp_path / "camera.yaml")
+    camera = read_camera(tmp_path / "camera.yaml")
     assert isinstance(camera, DualFisheye)
     found = camera.front.camera_from_lens.inv() * camera.back.camera_from_lens
     off = found * (TRUTH.front.camera_from_lens.inv() * TRUTH.back.camera_from_lens).inv()

@@ -77,7 +77,10 @@ def swept(tmp_path: Path, recorded: Callable[..., Recording]) -> Swept:
     return sweep
 
 
-@pytest.mark.parametrize(("off", "sigma"), [(0.0, 2.0), (0.08, 2.0), (-0.07, 6.0)])
+@pytest.mark.parametrize(
+    ("off", "sigma"),
+    [pytest.param(0.0, 2.0, marks=pytest.mark.slow), pytest.param(0.08, 2.0, marks=pytest.mark.slow), (-0.07, 6.0)],
+)
 def test_the_front_is_found_before_a_wall_that_fills_most_of_the_view(off: float, sigma: float, swept: Swept) -> None:
     found = swept([(FRONT, 0.4), (FRONT + BEHIND, 1.0)], FRONT + off, sigma)
     assert found.refusal is None

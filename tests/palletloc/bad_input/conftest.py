@@ -8,18 +8,19 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pytest
 
-from palletloc.candidate import ShotView
 from palletloc.choices import CameraKind, Method
 from palletloc.geometry import LevelPose, wrap_angle
-from palletloc.localizer import METHODS, Explanation, Localizer
+from palletloc.localizer import Explanation, Localizer
 from palletloc.measurement import PalletMeasurement
+from palletloc.methods import METHODS
 from palletloc.pallet import PalletModel
 from palletloc.shelf import ShelfPlane
+from palletloc.shot import Shot
 from palletloc.synthetic.rig import camera_of
 
 Placed = tuple[PalletModel, LevelPose]
-Scene = tuple[ShotView, tuple[Placed, ...], ShelfPlane]
-Photograph = Callable[..., ShotView]
+Scene = tuple[Shot, tuple[Placed, ...], ShelfPlane]
+Photograph = Callable[..., Shot]
 
 RIGHT = -np.pi / 2
 """Heading into a shelf on the right."""
@@ -63,7 +64,7 @@ def faults() -> Callable[[Explanation, Sequence[Placed]], list[str]]:
 
     def found(explained: Explanation, pallets: Sequence[Placed] = ()) -> list[str]:
         answered = len(explained.measurements) + len(explained.refusals)
-        lost = [] if answered == len(explained.candidates) else ["a candidate is neither a row nor refused"]
+        lost = [] if answered == len(explained.outcomes) else ["a candidate is neither a row nor refused"]
         return lost + [text for text in (_fault(row, pallets) for row in explained.measurements) if text]
 
     return found
@@ -71,10 +72,10 @@ def faults() -> Callable[[Explanation, Sequence[Placed]], list[str]]:
 
 @pytest.fixture(scope="session")
 def localizer(method: Method) -> Callable[..., Localizer]:
-    """Return a function that makes a localizer for a shot and the pallets in it."""
+    """Return a function that makes a localizer for pallets."""
 
-    def made(shot: ShotView, pallets: Sequence[Placed]) -> Localizer:
-        return Localizer(shot.projector.camera, shot.mounting, [model for model, _ in pallets], method)
+    def made(pallets: Sequence[Placed]) -> Localizer:
+        return Localizer([model for model, _ in pallets], method)
 
     return made
 
@@ -91,9 +92,9 @@ def right_pallets(epal: PalletModel, t11: PalletModel) -> tuple[Placed, ...]:
 @pytest.fixture(scope="session")
 def scenes(
     photograph: Photograph,
-    floor_shot: ShotView,
+    floor_shot: Shot,
     floor_pallets: tuple[Placed, ...],
-    rack_shot: ShotView,
+    rack_shot: Shot,
     rack_pallets: tuple[Placed, ...],
     right_pallets: tuple[Placed, ...],
 ) -> Callable[[str], Scene]:

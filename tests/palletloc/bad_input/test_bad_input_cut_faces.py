@@ -11,25 +11,27 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from palletloc.cameras import CameraModel, KannalaBrandt, Pinhole
-from palletloc.candidate import ShotView
 from palletloc.choices import CameraKind
 from palletloc.geometry import FloatArray, Image, LevelPose
 from palletloc.localizer import Localizer, Start
 from palletloc.pallet import PalletModel
-from palletloc.projection import Projector
 from palletloc.shelf import ShelfPlane
+from palletloc.shot import Shot
 from palletloc.synthetic.rig import camera_of
 
 Placed = tuple[PalletModel, LevelPose]
-Scene = tuple[ShotView, tuple[Placed, ...], ShelfPlane]
+Scene = tuple[Shot, tuple[Placed, ...], ShelfPlane]
 Scenes = Callable[[str], Scene]
-Photograph = Callable[..., ShotView]
+Photograph = Callable[..., Shot]
 Check = Callable[..., int]
 
-EXAMPLES = settings().max_examples
-FEW = settings(max_examples=EXAMPLES * 5 // 100, phases=[Phase.generate])
-MANY = settings(max_examples=EXAMPLES * 20 // 100, phases=[Phase.generate])
-heights = pytest.mark.parametrize("known", [True, False], ids=["level", "free"])
+FEW = settings(max_examples=settings().max_examples * 5 // 100, phases=[Phase.generate])
+heights = pytest.mark.parametrize(
+    "known",
+    [True, pytest.param(True, marks=pytest.mark.slow), pytest.param(False, marks=pytest.mark.slow)],
+    ids=["level", "level-many", "free"],
+)
+"""Whether the levels are known; more examples are drawn with the slow tests."""
 SEAM = LevelPose(0.3, -0.08, 1.85, 0.0)
 """Where a camera of two lenses stands."""
 
@@ -65,12 +67,12 @@ def cropped(camera: CameraModel, image: Image, side: str, at: int) -> tuple[Came
 def measured(localizer: Callable[..., Localizer], faults: Callable[..., list[str]]) -> Check:
     """Return a function that checks the rows of a cut shot, detected and from right starts, and counts them."""
 
-    def checked(shot: ShotView, pallets: tuple[Placed, ...], shelf: ShelfPlane, known: bool = True) -> int:
-        found, levels = localizer(shot, pallets), shelf.levels if known else ()
+    def checked(shot: Shot, pallets: tuple[Placed, ...], shelf: ShelfPlane, known: bool = True) -> int:
+        found, levels = localizer(pallets), shelf.levels if known else ()
         starts = [Start(model.name, pose) for model, pose in pallets]
-        given = found.explain_from(shot.image, 0.0, starts, levels)
+        given = found.explain_from(shot, starts, levels)
         assert faults(given, pallets) == []
-        assert faults(found.explain(shot.image, 0.0, replace(shelf, levels=levels)), pallets) == []
+        assert faults(found.explain(shot, replace(shelf, levels=levels)), pallets) == []
         return len(given.measurements)
 
     return checked
@@ -79,24 +81,15 @@ def measured(localizer: Callable[..., Localizer], faults: Callable[..., list[str
 def cut_by_border(scene: Scene, side: str, pallet: int, place: float, known: bool, measured: Check) -> int:
     shot, pallets, shelf = scene
     points = face_points(*pallets[pallet])
-    pixels, valid = shot.projector.camera.project(shot.camera_from_forklift.apply(points))
+    pixels, valid = shot.camera.project(shot.mounting.to_camera.apply(points))
     along = pixels[valid][:, 0 if side in ("left", "right") else 1]
     at = round(float(along.min() + place * np.ptp(along)))
-    camera, image = cropped(shot.projector.camera, shot.image, side, at)
-    return measured(replace(shot, image=image, projector=Projector(camera)), pallets, shelf, known)
+    camera, image = cropped(shot.camera, shot.image, side, at)
+    return measured(replace(shot, image=image, camera=camera), pallets, shelf, known)
 
 
-@FEW
-@given(name=lenses, side=sides, pallet=which, place=places)
-def test_a_pallet_cut_by_the_border_gives_no_wrong_row(
-    scenes: Scenes, measured: Check, name: str, side: str, pallet: int, place: float
-) -> None:
-    cut_by_border(scenes(name), side, pallet, place, True, measured)
-
-
-@pytest.mark.slow
 @heights
-@MANY
+@FEW
 @given(name=lenses, side=sides, pallet=which, place=places)
 def test_no_cut_by_the_border_gives_a_wrong_row(
     scenes: Scenes, measured: Check, name: str, side: str, pallet: int, place: float, known: bool
@@ -110,9 +103,9 @@ def test_a_border_beside_the_pallets_changes_nothing(scenes: Scenes, measured: C
 
 def cut_by_lens(scene: Scene, pallet: int, place: float, black: bool, known: bool, measured: Check) -> int:
     shot, pallets, shelf = scene
-    camera = shot.projector.camera
+    camera = shot.camera
     assert isinstance(camera, KannalaBrandt)
-    points = shot.camera_from_forklift.apply(face_points(*pallets[pallet]))
+    points = shot.mounting.to_camera.apply(face_points(*pallets[pallet]))
     off_axis = np.arccos(points[:, 0] / np.linalg.norm(points, axis=1))
     limit = float(off_axis.min() + place * np.ptp(off_axis))
     smaller = replace(camera, max_angle=min(limit, camera.max_angle))
@@ -120,20 +113,11 @@ def cut_by_lens(scene: Scene, pallet: int, place: float, black: bool, known: boo
     if black:
         columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
         image[~smaller.unproject(np.stack([columns, rows], axis=-1).astype(np.float64)).valid] = 0
-    return measured(replace(shot, image=image, projector=Projector(smaller)), pallets, shelf, known)
+    return measured(replace(shot, image=image, camera=smaller), pallets, shelf, known)
 
 
-@FEW
-@given(pallet=which, place=places, black=st.booleans())
-def test_a_pallet_cut_by_the_limit_of_the_lens_gives_no_wrong_row(
-    scenes: Scenes, measured: Check, pallet: int, place: float, black: bool
-) -> None:
-    cut_by_lens(scenes("fisheye"), pallet, place, black, True, measured)
-
-
-@pytest.mark.slow
 @heights
-@MANY
+@FEW
 @given(pallet=which, place=places, black=st.booleans())
 def test_no_cut_by_the_limit_of_the_lens_gives_a_wrong_row(
     scenes: Scenes, measured: Check, pallet: int, place: float, black: bool, known: bool

@@ -10,14 +10,13 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from palletloc.candidate import ShotView
 from palletloc.choices import CameraKind, Illumination, Side
 from palletloc.geometry import LevelPose
 from palletloc.localizer import Localizer, Start
 from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
-from palletloc.projection import Projector
 from palletloc.shelf import ShelfPlane
+from palletloc.shot import Shot
 from palletloc.synthetic.aisle import AisleSpec, draw_aisle
 from palletloc.synthetic.loads import stack
 from palletloc.synthetic.placing import ShelfFrame
@@ -27,13 +26,12 @@ from palletloc.synthetic.rig import Sensor, camera_of, draw_mounting, expose
 from palletloc.synthetic.scene import Solid
 
 Models = tuple[PalletModel, ...]
-Empty = tuple[ShotView, ShelfPlane, ShelfFrame]
+Empty = tuple[Shot, ShelfPlane, ShelfFrame]
 Empties = Callable[[int], Empty]
 Faults = Callable[..., list[str]]
 Makes = Callable[..., Localizer]
 
-EXAMPLES = settings().max_examples
-FEW = settings(max_examples=EXAMPLES * 6 // 100, phases=[Phase.generate])
+FEW = settings(max_examples=settings().max_examples * 6 // 100, phases=[Phase.generate])
 LEVELS = (0.0, 1.4)
 CAMERAS = ((CameraKind.PINHOLE, 640), (CameraKind.KANNALA_BRANDT, 800), (CameraKind.EQUIRECTANGULAR, 1280))
 BEGIN, END = -0.5, 3.5
@@ -86,7 +84,7 @@ def empty_shelf(models: Models) -> Empties:
             camera = rays[kind].camera
             picture = render(scene, rays[kind], mounting)
             image = expose(picture.radiance, Sensor(), camera.period_px is not None, rng)
-            shot = ShotView(image, Projector(camera), Mounting(mounting), mounting.inv())
+            shot = Shot(image, camera, Mounting(mounting))
             front = aisle.frame.world(0.0, 1.0, 0.0)
             kept[seed] = shot, ShelfPlane(front.x, front.y, front.yaw + np.pi, LEVELS), aisle.frame
         return kept[seed]
@@ -107,9 +105,9 @@ def test_nothing_is_found_on_an_empty_shelf(
     seed: int, known: bool, empty_shelf: Empties, models: Models, localizer: Makes, faults: Faults
 ) -> None:
     shot, shelf, _ = empty_shelf(seed)
-    found = localizer(shot, [(model, None) for model in models])
-    explained = found.explain(shot.image, 0.0, shelf if known else replace(shelf, levels=()))
-    assert explained.candidates
+    found = localizer([(model, None) for model in models])
+    explained = found.explain(shot, shelf if known else replace(shelf, levels=()))
+    assert explained.outcomes
     assert faults(explained) == []
 
 
@@ -126,8 +124,8 @@ def from_everywhere(
         x, y = center[:2] + ray * (1 + farther / np.linalg.norm(ray))
         start = LevelPose(float(x), float(y), pose.z, pose.yaw + turn)
         starts.append(Start(models[number % len(models)].name, start))
-    found = localizer(shot, [(model, None) for model in models])
-    explained = found.explain_from(shot.image, 0.0, starts, LEVELS if known else ())
+    found = localizer([(model, None) for model in models])
+    explained = found.explain_from(shot, starts, LEVELS if known else ())
     assert len(explained.measurements) + len(explained.refusals) == len(starts)
     return [f"{one.model} at {one.forklift_from_pallet}, score {one.score:.2f}" for one in explained.measurements]
 

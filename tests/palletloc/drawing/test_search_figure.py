@@ -9,7 +9,7 @@ from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle
 
-from palletloc.candidate import Candidate, ShotView
+from palletloc.candidate import Candidate, Fit, Refusal
 from palletloc.choices import Method
 from palletloc.drawing.canvas import WIDTH_PX, png
 from palletloc.drawing.face_figure import face_figure
@@ -21,22 +21,23 @@ from palletloc.geometry import LevelPose
 from palletloc.localizer import Explanation, Localizer, Start
 from palletloc.measurement import Reason, Stage
 from palletloc.pallet import PalletModel
+from palletloc.shot import Shot
 
 POSE = LevelPose(0.4, 2.0, 0.0, np.radians(91))
 
 
 @pytest.fixture(scope="module")
-def shot(portrait: Callable[..., ShotView], t11: PalletModel) -> ShotView:
+def shot(portrait: Callable[..., Shot], t11: PalletModel) -> Shot:
     return portrait(t11, POSE)
 
 
-def explained(shot: ShotView, model: PalletModel, *starts: LevelPose) -> Explanation:
-    localizer = Localizer(shot.projector.camera, shot.mounting, [model], Method.REFINED)
-    return localizer.explain_from(shot.image, 0.0, [Start(model.name, start) for start in starts], (0.0,))
+def explained(shot: Shot, model: PalletModel, *starts: LevelPose) -> Explanation:
+    localizer = Localizer([model], Method.REFINED)
+    return localizer.explain_from(shot, [Start(model.name, start) for start in starts], (0.0,))
 
 
 @pytest.fixture(scope="module")
-def near(shot: ShotView, t11: PalletModel) -> Candidate:
+def near(shot: Shot, t11: PalletModel) -> Candidate:
     return explained(shot, t11, replace(POSE, y=POSE.y + 0.05)).candidates[0]
 
 
@@ -83,7 +84,7 @@ def test_the_map_shows_every_score_at_its_yaw_and_distance(near: Candidate) -> N
     assert middles[:, 0, 1] == pytest.approx(np.degrees(on.yaws(grid.turns)))
 
 
-def test_the_pose_is_marked_where_it_is(near: Candidate, shot: ShotView) -> None:
+def test_the_pose_is_marked_where_it_is(near: Candidate, shot: Shot) -> None:
     axes = search_figure("P1", near).axes[0]
     (mark,) = (line for line in axes.lines if str(line.get_label()).startswith("final pose"))
     ((away, yaw),) = np.asarray(mark.get_xydata())
@@ -131,7 +132,7 @@ def test_without_a_search_there_is_nothing_to_draw(t11: PalletModel) -> None:
         search_figure("C1", Candidate(t11, POSE, None))
 
 
-def test_the_face_figure_lists_every_edge(near: Candidate, shot: ShotView, t11: PalletModel) -> None:
+def test_the_face_figure_lists_every_edge(near: Candidate, shot: Shot, t11: PalletModel) -> None:
     assert near.face is not None
     figure = face_figure("P1", near, shot)
     require_readable(figure)
@@ -143,7 +144,7 @@ def test_the_face_figure_lists_every_edge(near: Candidate, shot: ShotView, t11: 
             assert f"{1000 * one.measured.fit.offset:+.1f}".replace("-", "\N{MINUS SIGN}") in cells
 
 
-def test_the_face_figure_tells_rejected_and_unseen_edges(near: Candidate, shot: ShotView, t11: PalletModel) -> None:
+def test_the_face_figure_tells_rejected_and_unseen_edges(near: Candidate, shot: Shot, t11: PalletModel) -> None:
     assert near.face is not None
     seen = replace(near.face.seen, edges=near.face.seen.edges[1:])
     weights = np.append(np.ones(len(seen.edges) - 1), 0.0)
@@ -156,14 +157,14 @@ def test_the_face_figure_tells_rejected_and_unseen_edges(near: Candidate, shot: 
     require_readable(figure)
 
 
-def test_refined_candidates_have_their_pictures_also_where_refused(shot: ShotView, t11: PalletModel) -> None:
+def test_refined_candidates_have_their_pictures_also_where_refused(shot: Shot, t11: PalletModel) -> None:
     found = explained(shot, t11, POSE, replace(POSE, x=POSE.x + 0.55, yaw=POSE.yaw + 0.1))
     stages = {one.stage for one in stage_pictures(found, shot, None, with_refused=True)}
     assert {"3-search-P1", "4-face-P1", "6-plan"} <= stages
     assert len([stage for stage in stages if stage.startswith("3-search")]) == 2
 
 
-def test_what_stands_before_the_face_is_shown(near: Candidate, shot: ShotView) -> None:
+def test_what_stands_before_the_face_is_shown(near: Candidate, shot: Shot) -> None:
     assert near.face is not None
     edges = near.face.seen.edges
     right = next(one.edge for one in edges if one.edge.kind is EdgeKind.SIDE and one.edge.outward[0] > 0)

@@ -11,12 +11,9 @@ from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Polygon
-from palletloc.horizontal_view import HorizontalView
-from palletloc.joint_search import JointSearchConfig
-from palletloc.yaw import YawVote
 from scipy.spatial.transform import RigidTransform
 
-from palletloc.candidate import Candidate, ShotView
+from palletloc.candidate import Candidate, Fit, Refusal
 from palletloc.choices import Method
 from palletloc.config import LocalizerConfig
 from palletloc.drawing.canvas import WIDTH_PX, png
@@ -33,8 +30,12 @@ from palletloc.localizer import Explanation, Localizer, Start
 from palletloc.measurement import Reason, Stage
 from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
+from palletloc.paper.horizontal_view import HorizontalView
+from palletloc.paper.joint_search import JointSearchConfig
+from palletloc.paper.yaw import YawVote
 from palletloc.plane import PALLET_FROM_VERTICAL, place_plane
 from palletloc.shelf import ShelfPlane
+from palletloc.shot import Shot
 
 SHELF = ShelfPlane(1.0, 2.0, np.radians(-90.0), (0.0,))
 Placed = tuple[PalletModel, LevelPose]
@@ -44,18 +45,18 @@ COARSE = LocalizerConfig(joint_search=JointSearchConfig(turns=5, depths=5))
 """Spares the joint search most of its views."""
 
 
-def localizer(shot: ShotView, models: list[PalletModel], method: Method = Method.HORIZONTAL_PLANE) -> Localizer:
-    return Localizer(shot.projector.camera, shot.mounting, models, method, COARSE)
+def localizer(shot: Shot, models: list[PalletModel], method: Method = Method.HORIZONTAL_PLANE) -> Localizer:
+    return Localizer(models, method, COARSE)
 
 
 @pytest.fixture(scope="module")
-def explained(floor_shot: ShotView, t11: PalletModel) -> Explanation:
+def explained(floor_shot: Shot, t11: PalletModel) -> Explanation:
     """Return a shot of a known and an unknown pallet: one is found, other places are given up."""
-    return localizer(floor_shot, [t11]).explain(floor_shot.image, 1.5, SHELF, "shot.png")
+    return localizer(floor_shot, [t11]).explain(floor_shot, SHELF, "shot.png")
 
 
 @pytest.fixture(scope="module")
-def pictures(explained: Explanation, floor_shot: ShotView) -> list[Picture]:
+def pictures(explained: Explanation, floor_shot: Shot) -> list[Picture]:
     return list(stage_pictures(explained, floor_shot, SHELF))
 
 
@@ -110,38 +111,36 @@ def test_drawing_leaves_no_figure_open(pictures: list[Picture]) -> None:
 
 
 def test_given_starts_have_no_shelf_view_and_are_all_drawn_where_asked(
-    floor_shot: ShotView, floor_pallets: tuple[Placed, ...], t11: PalletModel
+    floor_shot: Shot, floor_pallets: tuple[Placed, ...], t11: PalletModel
 ) -> None:
     _, (_, pose) = floor_pallets
     nowhere = replace(pose, x=pose.x + 0.55)  # shifted by one opening
     starts = [Start("t11", pose), Start("t11", nowhere)]
-    explained = localizer(floor_shot, [t11]).explain_from(floor_shot.image, 0.0, starts, (0.0,))
+    explained = localizer(floor_shot, [t11]).explain_from(floor_shot, starts, (0.0,))
     assert [candidate.refusal is None for candidate in explained.candidates] == [True, False]
     stages = [one.stage for one in stage_pictures(explained, floor_shot, None, with_refused=True)]
     assert "1-shelf" not in stages
     assert {"4-face-P1", "4-face-C1"} <= set(stages)
 
 
-def test_a_shot_without_a_pallet_has_its_pictures(blank_shot: ShotView, t11: PalletModel) -> None:
-    explained = localizer(blank_shot, [t11]).explain(blank_shot.image, 0.0, SHELF)
+def test_a_shot_without_a_pallet_has_its_pictures(blank_shot: Shot, t11: PalletModel) -> None:
+    explained = localizer(blank_shot, [t11]).explain(blank_shot, SHELF)
     assert explained.measurements == []
     stages = [one.stage for one in stage_pictures(explained, blank_shot, SHELF)]
     assert stages == ["1-shelf", "5-overlay", "5-overlay-whole", "6-plan"]
 
 
 @pytest.mark.parametrize("method", [Method.PAPER, Method.JOINT_SEARCH])
-def test_other_methods_have_their_pictures(
-    method: Method, portrait: Callable[..., ShotView], t11: PalletModel
-) -> None:
+def test_other_methods_have_their_pictures(method: Method, portrait: Callable[..., Shot], t11: PalletModel) -> None:
     pose = LevelPose(0.4, 2.0, 0.0, np.radians(91))
     shot = portrait(t11, pose)
-    explained = localizer(shot, [t11], method).explain_from(shot.image, 0.0, [Start("t11", pose)], (0.0,))
+    explained = localizer(shot, [t11], method).explain_from(shot, [Start("t11", pose)], (0.0,))
     stages = {one.stage for one in stage_pictures(explained, shot, None)}
     assert {"3-position-P1", "4-face-P1"} <= stages
     assert ("2-yaw-P1" in stages) == (method is Method.PAPER)
 
 
-def test_figures_are_readable(explained: Explanation, found: Candidate, floor_shot: ShotView) -> None:
+def test_figures_are_readable(explained: Explanation, found: Candidate, floor_shot: Shot) -> None:
     named = name_candidates(explained)
     require_readable(shelf_figure(explained.shelf_views, named))
     require_readable(horizontal_figure("P1", found))
@@ -170,7 +169,7 @@ def test_a_candidate_that_was_not_looked_at_cannot_be_drawn(t11: PalletModel) ->
         sweep_figure("C1", candidate)
 
 
-def test_a_face_out_of_view_says_so(portrait: Callable[..., ShotView], t11: PalletModel) -> None:
+def test_a_face_out_of_view_says_so(portrait: Callable[..., Shot], t11: PalletModel) -> None:
     shot = portrait(t11, LevelPose(0.4, 2.0, 0.0, np.radians(91)))
     behind = Candidate(t11, LevelPose(-3.0, -2.0, 0.0, np.radians(-90)), None)
     texts = [text.get_text() for text in face_figure("C1", behind, shot).axes[0].texts]
@@ -178,9 +177,7 @@ def test_a_face_out_of_view_says_so(portrait: Callable[..., ShotView], t11: Pall
 
 
 @pytest.mark.parametrize("step", range(2))
-def test_a_voters_line_is_drawn_where_the_camera_sees_the_edge(
-    step: int, found: Candidate, floor_shot: ShotView
-) -> None:
+def test_a_voters_line_is_drawn_where_the_camera_sees_the_edge(step: int, found: Candidate, floor_shot: Shot) -> None:
     seen: HorizontalView = found.horizontal[step]
     sharp = replace(found.model, edge_radius=0.0)
     pose = _pose_of(seen, floor_shot)
@@ -196,17 +193,17 @@ def test_a_voters_line_is_drawn_where_the_camera_sees_the_edge(
         )
 
 
-def _pose_of(seen: HorizontalView, shot: ShotView) -> LevelPose:
+def _pose_of(seen: HorizontalView, shot: Shot) -> LevelPose:
     """Return the pallet's pose that a horizontal view was placed by."""
-    matrix = (shot.camera_from_forklift.inv() * seen.view.camera_from_plane).as_matrix()
+    matrix = (shot.mounting.to_camera.inv() * seen.view.camera_from_plane).as_matrix()
     into = matrix[:3, 1]
     x, y, z = (float(value) for value in matrix[:3, 3])
     return LevelPose(x, y, z - seen.height, float(np.arctan2(into[1], into[0])))
 
 
-def _pixels(shot: ShotView, camera_from_plane: RigidTransform, points: FloatArray) -> FloatArray:
+def _pixels(shot: Shot, camera_from_plane: RigidTransform, points: FloatArray) -> FloatArray:
     in_space = np.column_stack([points, np.zeros(len(points))])
-    return shot.projector.camera.project(camera_from_plane.apply(in_space)).pixels
+    return shot.camera.project(camera_from_plane.apply(in_space)).pixels
 
 
 def plan(sigma: float, pose: LevelPose, model: PalletModel, **settings: Any) -> Figure:

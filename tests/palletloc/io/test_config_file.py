@@ -14,12 +14,12 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from palletloc.horizontal_view import BoundaryMethod
 
 from palletloc.config import LocalizerConfig
 from palletloc.io.config_file import _RANGES, field_meanings, format_config, read_config
 from palletloc.io.reading import InputError
 from palletloc.measurement import PalletMeasurement, Stage
+from palletloc.paper.horizontal_view import BoundaryMethod
 
 DEFAULT = LocalizerConfig()
 

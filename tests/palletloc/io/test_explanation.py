@@ -8,22 +8,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palletloc.candidate import Candidate, ShotView
+from palletloc.candidate import Candidate, Fit, Refusal
 from palletloc.choices import Method
 from palletloc.geometry import LevelPose
 from palletloc.io.explanation import explanation_document
 from palletloc.localizer import Explanation, Localizer, Start
 from palletloc.pallet import PalletModel
+from palletloc.shot import Shot
 
 POSE = LevelPose(0.4, 2.0, 0.0, np.radians(91))
 START = replace(POSE, y=2.05)
 
 
 @pytest.fixture(scope="module")
-def explained(portrait: Callable[..., ShotView], t11: PalletModel) -> Explanation:
+def explained(portrait: Callable[..., Shot], t11: PalletModel) -> Explanation:
     shot = portrait(t11, POSE)
-    localizer = Localizer(shot.projector.camera, shot.mounting, [t11], Method.REFINED)
-    return localizer.explain_from(shot.image, 0.0, [Start("t11", START)], (0.0,))
+    localizer = Localizer([t11], Method.REFINED)
+    return localizer.explain_from(shot, [Start("t11", START)], (0.0,))
 
 
 @pytest.fixture(scope="module")

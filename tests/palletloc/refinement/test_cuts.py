@@ -5,11 +5,11 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from palletloc.refinement.cuts import FEWEST_CUTS, MOST_CUTS, FaceCuts, face_cuts
 
 from palletloc.face import face_lines
 from palletloc.pallet import PalletModel
 from palletloc.pallet_library import load_library
+from palletloc.refinement.profiles import FEWEST_CUTS, MOST_CUTS, FaceCuts, face_cuts
 
 LEVEL, UPRIGHT = 0.006, 0.005
 

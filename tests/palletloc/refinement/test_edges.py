@@ -8,17 +8,17 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from palletloc.cameras import Equirectangular, Pinhole
-from palletloc.candidate import ShotView
 from palletloc.face import EdgeKind, face_lines
 from palletloc.geometry import FloatArray, Image, LevelPose
 from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
 from palletloc.plane import PALLET_FROM_VERTICAL
 from palletloc.refinement.edges import BORDERING, EdgeReach, MeasuredEdge, SeenFace, measure_face
+from palletloc.shot import Shot
 
 POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
 REACH = EdgeReach(0.012, 0.012, 1.5)
-Portrait = Callable[..., ShotView]
+Portrait = Callable[..., Shot]
 
 
 def placed(mounting: Mounting, pose: LevelPose) -> tuple[FloatArray, FloatArray]:
@@ -27,11 +27,11 @@ def placed(mounting: Mounting, pose: LevelPose) -> tuple[FloatArray, FloatArray]
     return camera_from_face, -camera_from_face[:3, :3].T @ camera_from_face[:3, 3]
 
 
-def seen_at(shot: ShotView, pose: LevelPose, model: PalletModel, reach: EdgeReach = REACH) -> SeenFace | None:
-    return measure_face(shot.projector.camera, shot.image, *placed(shot.mounting, pose), model, reach)
+def seen_at(shot: Shot, pose: LevelPose, model: PalletModel, reach: EdgeReach = REACH) -> SeenFace | None:
+    return measure_face(shot.camera, shot.image, *placed(shot.mounting, pose), model, reach)
 
 
-def edges_at(shot: ShotView, pose: LevelPose, model: PalletModel) -> tuple[MeasuredEdge, ...]:
+def edges_at(shot: Shot, pose: LevelPose, model: PalletModel) -> tuple[MeasuredEdge, ...]:
     seen = seen_at(shot, pose, model)
     assert seen is not None
     return seen.edges
@@ -92,7 +92,7 @@ def test_a_face_is_as_wide_as_its_ends_are_apart_in_the_image(portrait: Portrait
     seen = seen_at(shot, POSE, t11)
     assert seen is not None
     ends = POSE.transform().apply([[0.0, side * t11.width / 2, t11.height / 2] for side in (-1, 1)])
-    pixels = shot.projector.camera.project(shot.camera_from_forklift.apply(ends)).pixels
+    pixels = shot.camera.project(shot.mounting.to_camera.apply(ends)).pixels
     assert seen.width_px(t11.width) == pytest.approx(float(np.linalg.norm(pixels[1] - pixels[0])), rel=0.03)
     assert replace(seen, edges=()).width_px(t11.width) == 0.0
 

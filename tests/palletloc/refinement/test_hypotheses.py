@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palletloc.candidate import ShotView
 from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 from palletloc.measurement import Reason
 from palletloc.pallet import Opening, PalletModel
@@ -19,17 +18,18 @@ from palletloc.refinement.hypotheses import (
 )
 from palletloc.refinement.patch import FacePatch, view_patch
 from palletloc.refinement.samples import face_samples
+from palletloc.shot import Shot
 
 POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
 CONFIG = SearchConfig()
 EVERY = SearchConfig(kept=10_000, peaks=12, min_score=-1e3, min_share=-1e3, apart=1e-9, apart_deg=1e-9)
 EXTENT = (-0.95, 0.95, -0.25, 0.45)
 NAMES = pytest.mark.parametrize("name", ["epal", "t11", "open_below"])
-Portrait = Callable[..., ShotView]
+Portrait = Callable[..., Shot]
 
 
-def patch_at(shot: ShotView, base: LevelPose, resolution: float = 0.005) -> FacePatch:
-    found = view_patch(shot.projector, shot.image, shot.camera_from_forklift, base, EXTENT, resolution)
+def patch_at(shot: Shot, base: LevelPose, resolution: float = 0.005) -> FacePatch:
+    found = view_patch(shot, base, EXTENT, resolution)
     assert not isinstance(found, Reason)
     return found
 

@@ -4,7 +4,6 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from palletloc.refinement.occluder import posts, seen_before
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from palletloc.cameras import Pinhole
@@ -12,6 +11,7 @@ from palletloc.geometry import FloatArray, Image, LevelPose
 from palletloc.pallet import PalletModel
 from palletloc.plane import PALLET_FROM_VERTICAL
 from palletloc.projection import Projector
+from palletloc.refinement.occlusion import posts, seen_before
 from palletloc.refinement.patch import FacePatch, view_patch
 
 CAMERA = Pinhole(640, 480, 380.0, 380.0, 319.5, 239.5)

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from palletloc.refinement.cuts import FaceCuts, face_cuts
 
 from palletloc.edge_fit import EdgeFit, EdgePeaks
 from palletloc.face import EdgeKind, FaceEdge, face_lines
 from palletloc.geometry import FloatArray
 from palletloc.pallet import Opening, PalletModel
 from palletloc.refinement.occlusion import BINS, LEAST_WIDTH, MOSTLY, hidden_part, hidden_spans, is_hidden, joined
+from palletloc.refinement.profiles import FaceCuts, face_cuts
 
 OPENINGS = tuple(Opening(center, 0.022, 0.3825, 0.1) for center in (-0.26375, 0.26375))
 MODEL = PalletModel("two_openings", 1.2, 0.144, 0.8, OPENINGS)

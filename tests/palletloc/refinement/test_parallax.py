@@ -7,15 +7,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from palletloc.refinement.alignment import FaceEstimate, FaceFitConfig, fit_face
-from palletloc.refinement.parallax import CREASE_SEEN, count_votes
 
-from palletloc.candidate import ShotView
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.measurement import HeightPrior
 from palletloc.pallet import PalletModel
 from palletloc.pallet_library import load_library
-from palletloc.refinement.depth_edges import DepthPeaks, visible_depth_edges
+from palletloc.refinement.depth_edges import CREASE_SEEN, DepthPeaks, count_votes, visible_depth_edges
+from palletloc.refinement.face_fit import FaceEstimate, FaceFitConfig, fit_face
+from palletloc.shot import Shot
 
 EPAL = load_library()["epal1-1200"]
 EDGES = visible_depth_edges(EPAL, np.array([-0.9, 0.07, 1.8]))
@@ -24,7 +23,7 @@ RIDGE = np.array([0.002, 0.003, 0.006, -0.004, 0.005])
 SIGMA = np.full(5, 0.002)
 START = np.array([0.001, -0.002, 0.0, 0.003, 0.0])
 LEVEL = LevelPose(1.1, 1.9, 1.78, np.pi / 2 + 0.02)
-Portrait = Callable[..., ShotView]
+Portrait = Callable[..., Shot]
 
 
 def peaks_at(*places: FloatArray) -> DepthPeaks:
@@ -95,10 +94,10 @@ def test_a_crease_counts_less_than_a_contour() -> None:
 # In pictures of pallets at the camera's height.
 
 
-def fitted(shot: ShotView, model: PalletModel, pose: LevelPose = LEVEL) -> FaceEstimate:
+def fitted(shot: Shot, model: PalletModel, pose: LevelPose = LEVEL) -> FaceEstimate:
     start = replace(pose, x=pose.x + 0.004, yaw=pose.yaw + np.radians(0.5))
     height = HeightPrior(pose.z, 0.003)
-    camera, config = shot.projector.camera, FaceFitConfig()
+    camera, config = shot.camera, FaceFitConfig()
     found = fit_face(camera, shot.image, shot.mounting, start, model, height, None, float(np.radians(5.0)), config)
     assert isinstance(found, FaceEstimate)
     return found
@@ -138,7 +137,7 @@ def test_far_above_a_pallet_nothing_changes(portrait: Portrait) -> None:
     pose = replace(LEVEL, z=0.0)
     shot, height = portrait(EPAL, pose), HeightPrior(0.0, 0.003)
     poses = [
-        fit_face(shot.projector.camera, shot.image, shot.mounting, pose, model, height, None, 0.1, FaceFitConfig())
+        fit_face(shot.camera, shot.image, shot.mounting, pose, model, height, None, 0.1, FaceFitConfig())
         for model in (EPAL, replace(EPAL, block_rows=()))
     ]
     assert all(isinstance(one, FaceEstimate) for one in poses)

@@ -110,7 +110,7 @@ def test_upright_lines_have_upright_energy_and_level_ones_have_none(paint_plane:
     for paint in (upright, waves(0.0)):
         patch = patch_of(paint_plane(CAMERA, camera_from_plane(), EXTENT, paint))
         middle = np.s_[25:-25, 25:-25]
-        fields = (patch.along_upright(), patch.along_level(0.0), patch.any_direction())
+        fields = (patch.upright, patch.along_level(0.0), patch.any_direction)
         means.append([float(field[middle].mean()) for field in fields])
     (upright_up, upright_level, upright_any), (level_up, level_level, level_any) = means
     assert upright_up > 5 * upright_level
@@ -122,7 +122,7 @@ def test_energy_lies_between_0_and_1_and_in_a_plain_image_there_is_none() -> Non
     noise = np.random.default_rng(0).integers(0, 256, (CAMERA.height, CAMERA.width, 3), dtype=np.uint8)
     for image, most in ((noise, 1.0), (np.full_like(noise, 90), 1e-6)):
         patch = patch_of(image)
-        for field in (patch.along_level(0.1), patch.along_upright(), patch.any_direction()):
+        for field in (patch.along_level(0.1), patch.upright, patch.any_direction):
             assert field.shape == patch.view.image.shape[:2]
             assert field.min() >= -1e-6
             assert field.max() <= most + 1e-6
@@ -137,7 +137,7 @@ def test_a_fainter_image_has_nearly_the_same_energy(paint_plane: Paints) -> None
 
 def test_gray_and_the_same_gray_in_three_channels_agree(paint_plane: Paints) -> None:
     image = paint_plane(CAMERA, camera_from_plane(), EXTENT, waves(0.1))
-    gray, colour = (patch_of(picture).any_direction() for picture in (image, np.repeat(image[..., None], 3, axis=2)))
+    gray, colour = (patch_of(picture).any_direction for picture in (image, np.repeat(image[..., None], 3, axis=2)))
     assert np.abs(gray - colour).mean() < 0.05
 
 

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from palletloc.refinement.cuts import FaceCuts, face_cuts
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from palletloc.cameras import CameraModel, DualFisheye, Equirectangular, FisheyeLens, KannalaBrandt, Pinhole
@@ -15,7 +14,7 @@ from palletloc.geometry import BoolArray, FloatArray, Image
 from palletloc.pallet import Opening, PalletModel
 from palletloc.plane import PALLET_FROM_VERTICAL
 from palletloc.projection import pixel_sizes
-from palletloc.refinement.profiles import Profiles, cut_profiles
+from palletloc.refinement.profiles import FaceCuts, Profiles, cut_profiles, face_cuts
 
 BOX = PalletModel("box", 1.0, 0.4, 1.0, (Opening(-0.2, 0.1, 0.2, 0.2), Opening(0.2, 0.1, 0.2, 0.2)))
 REACH = 0.03

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from palletloc.cameras import CameraModel, Equirectangular, KannalaBrandt, Pinhole
-from palletloc.candidate import ShotView
 from palletloc.geometry import LevelPose, wrap_angle
 from palletloc.measurement import HeightPrior, Reason
 from palletloc.pallet import PalletModel
 from palletloc.refinement.hypotheses import SearchConfig
 from palletloc.refinement.patch import FacePatch
 from palletloc.refinement.search import Search, search
+from palletloc.shot import Shot
 
 FLOOR = HeightPrior(0.0, 0.003)
 FAR = SearchConfig(turn_deg=24.0, nearer=0.9, farther=0.9)
@@ -23,8 +23,8 @@ FISHEYE = KannalaBrandt(800, 640, 420.0, 420.0, 399.5, 319.5, k1=0.02, k2=-0.004
 SPHERE = Equirectangular(2560, 1280)
 CENTER = (0.3, -0.08, 1.85)
 LEFT, RIGHT = np.pi / 2, -np.pi / 2
-Portrait = Callable[..., ShotView]
-Photograph = Callable[..., ShotView]
+Portrait = Callable[..., Shot]
+Photograph = Callable[..., Shot]
 
 FLOOR_SCENES = [
     (PINHOLE, "t11", LevelPose(0.9, 2.0, 0.0, LEFT + 0.03), 1),
@@ -49,14 +49,14 @@ MORE_SCENES = [
 OFFSETS = [(turn, along) for turn in (-20.0, 20.0) for along in (-0.3, 0.8)] + [(0.0, 0.8), (20.0, 0.0), (-12.0, 0.4)]
 
 
-def aimed(photograph: Photograph, camera: CameraModel, model: PalletModel, pose: LevelPose, seed: int) -> ShotView:
+def aimed(photograph: Photograph, camera: CameraModel, model: PalletModel, pose: LevelPose, seed: int) -> Shot:
     """Take a picture of a pallet; a camera that does not see all around looks at it."""
     x, y, z = np.array([pose.x, pose.y, 0.3]) - CENTER
     aim = [1.5, 0.9] if camera.period_px else np.degrees([np.arctan2(y, x), np.arctan2(-z, np.hypot(x, y))]).tolist()
     return photograph(((model, pose),), camera, (*CENTER, *aim, 0.8), seed=seed)
 
 
-def off(shot: ShotView, pose: LevelPose, turn_deg: float, along: float) -> LevelPose:
+def off(shot: Shot, pose: LevelPose, turn_deg: float, along: float) -> LevelPose:
     """A start turned against a pose and farther along the level viewing direction."""
     ray = np.array([pose.x, pose.y]) - shot.mounting.center[:2]
     x, y = np.array([pose.x, pose.y]) + along * ray / np.linalg.norm(ray)
@@ -64,7 +64,7 @@ def off(shot: ShotView, pose: LevelPose, turn_deg: float, along: float) -> Level
 
 
 def looked(
-    shot: ShotView,
+    shot: Shot,
     start: LevelPose,
     model: PalletModel,
     height: HeightPrior | None = FLOOR,
@@ -80,7 +80,7 @@ def apart(one: LevelPose, other: LevelPose) -> tuple[float, float]:
 
 
 def missed(
-    shot: ShotView, model: PalletModel, pose: LevelPose, offsets: list[tuple[float, float]] = OFFSETS
+    shot: Shot, model: PalletModel, pose: LevelPose, offsets: list[tuple[float, float]] = OFFSETS
 ) -> list[str]:
     """Tell from which starts neither of the first two places is the pallet's."""
     lost = []
@@ -186,7 +186,7 @@ def test_places_are_given_the_best_first(portrait: Portrait, t11: PalletModel) -
 
 
 @pytest.mark.parametrize("height", [FLOOR, None], ids=["level", "free"])
-def test_it_looks_as_far_as_it_is_told(height: HeightPrior | None, floor_shot: ShotView, t11: PalletModel) -> None:
+def test_it_looks_as_far_as_it_is_told(height: HeightPrior | None, floor_shot: Shot, t11: PalletModel) -> None:
     pose = LevelPose(0.9, 2.0, 0.0, LEFT + 0.02)
     config = SearchConfig(turn_deg=11.0, nearer=0.2, farther=0.5, sideways=0.03, upward=0.05)
     found = looked(floor_shot, pose, t11, height, config)
@@ -219,7 +219,7 @@ def test_from_behind_and_out_of_the_image_there_is_nothing_to_look_at(portrait: 
 
 @pytest.mark.parametrize("turn_deg", [24.0, -24.0])
 def test_however_near_the_camera_a_start_lies_the_search_ends_with_a_result_or_a_reason(
-    turn_deg: float, rack_shot: ShotView, t11: PalletModel
+    turn_deg: float, rack_shot: Shot, t11: PalletModel
 ) -> None:
     x, y, z = rack_shot.mounting.center.tolist()
     for away in (0.21, 0.5, 1.5):

@@ -2,24 +2,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
-from palletloc.refined import measure_refined
-from palletloc.refinement.agreement import LevelYaw, level_yaw
-from palletloc.refinement.alignment import FaceEstimate, fit_face
 
-from palletloc import attempts
-from palletloc.candidate import Candidate, ShotView
+from palletloc.candidate import Candidate
 from palletloc.config import LocalizerConfig
 from palletloc.edge_fit import EdgeFit
 from palletloc.face import EdgeKind, FaceEdge, FaceLine, edge_shift, face_lines
 from palletloc.geometry import FloatArray, LevelPose
-from palletloc.measurement import HeightPrior, Reason, Stage
+from palletloc.measurement import HeightPrior
+from palletloc.methods import measure_refined
 from palletloc.pallet import PalletModel
 from palletloc.refinement.edges import MeasuredEdge, SeenFace
+from palletloc.refinement.level_lines import LevelYaw, yaw_from_level_lines
+from palletloc.shot import Shot
 
+CONFIG = LocalizerConfig()
+FLOOR = HeightPrior(0.0, 0.003)
 POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
 ABOVE, BELOW = (-0.6, 1.8, 2.1), (0.4, -1.1, 2.1)
 """Where the camera is in the face's coordinates: right, up, towards the viewer."""
@@ -46,7 +46,7 @@ def measured(
     slope = float((ends[1] - ends[0]) @ edge.outward) / edge.length + off
     offset = float((seen_point(edge.middle, center, yaw) - edge.middle) @ edge.outward)
     fit = EdgeFit(offset, slope, 1e-4, sigma, 1.0, 10.0)
-    return MeasuredEdge(edge, fit, 1e-3, edge_shift(edge, center, model), 0.003)
+    return MeasuredEdge(edge, fit, 1e-3, edge_shift(edge, center, model), 0.003, 1.0)
 
 
 def turned(
@@ -60,11 +60,11 @@ def turned(
     lines = [line for line in face_lines(model) if line.kind in kinds]
     wrong = off or {}
     edges = tuple(measured(line, model, camera, yaw, wrong.get(line.kind, 0.0), sigma) for line in lines)
-    return SeenFace(np.array(camera), edges, len(edges))
+    return SeenFace(np.array(camera), np.eye(4), tuple(line.whole for line in lines), edges, len(edges))
 
 
 def said(seen: SeenFace, error_px: float = ERROR_PX) -> LevelYaw:
-    found = level_yaw(seen, error_px)
+    found = yaw_from_level_lines(seen, error_px)
     assert found is not None
     return found
 
@@ -106,13 +106,13 @@ def test_the_worse_the_slopes_are_known_the_less_certain(epal: PalletModel) -> N
 
 def test_lines_level_with_the_camera_tell_nothing(epal: PalletModel) -> None:
     up = epal.openings[0].top
-    assert level_yaw(turned(epal, (0.3, up, 2.0), 0.01, [EdgeKind.OPENING_TOP]), ERROR_PX) is None
+    assert yaw_from_level_lines(turned(epal, (0.3, up, 2.0), 0.01, [EdgeKind.OPENING_TOP]), ERROR_PX) is None
     assert said(turned(epal, (0.3, up, 2.0), 0.01, LEVEL)).lines < len(LEVEL)
 
 
 def test_without_level_lines_there_is_no_yaw(epal: PalletModel) -> None:
-    assert level_yaw(turned(epal, ABOVE, 0.01, [EdgeKind.SIDE, EdgeKind.OPENING_SIDE]), ERROR_PX) is None
-    assert level_yaw(turned(epal, ABOVE, 0.01, []), ERROR_PX) is None
+    assert yaw_from_level_lines(turned(epal, ABOVE, 0.01, [EdgeKind.SIDE, EdgeKind.OPENING_SIDE]), ERROR_PX) is None
+    assert yaw_from_level_lines(turned(epal, ABOVE, 0.01, []), ERROR_PX) is None
 
 
 @pytest.mark.parametrize("kind", LEVEL)
@@ -134,97 +134,21 @@ def test_lines_that_differ_make_the_yaw_less_certain(epal: PalletModel) -> None:
 def test_the_upper_edge_has_no_say_where_a_load_may_begin_there(epal: PalletModel) -> None:
     calm, loaded = (said(turned(epal, ABOVE, 0.01, off=one)) for one in ({}, {EdgeKind.TOP: 0.003}))
     assert loaded == calm
-    assert level_yaw(turned(epal, ABOVE, 0.01, [EdgeKind.TOP]), ERROR_PX) is None
-    assert level_yaw(turned(epal, BELOW, 0.01, [EdgeKind.TOP]), ERROR_PX) is not None
+    assert yaw_from_level_lines(turned(epal, ABOVE, 0.01, [EdgeKind.TOP]), ERROR_PX) is None
+    assert yaw_from_level_lines(turned(epal, BELOW, 0.01, [EdgeKind.TOP]), ERROR_PX) is not None
 
 
 @pytest.mark.parametrize("name", ["epal", "t11", "open_below"])
 @pytest.mark.parametrize("turn", [0.0, -0.1])
 def test_on_a_pallet_on_the_floor_the_lines_agree_with_the_truth(
-    name: str, turn: float, portrait: Callable[..., ShotView], request: pytest.FixtureRequest
+    name: str, turn: float, portrait: Callable[..., Shot], request: pytest.FixtureRequest
 ) -> None:
     model: PalletModel = request.getfixturevalue(name)
     pose = replace(POSE, yaw=POSE.yaw + turn)
-    candidate = Candidate(model, pose, HeightPrior(0.0, 0.003))
-    measure_refined(portrait(model, pose), candidate, LocalizerConfig())
-    assert candidate.face is not None
-    assert candidate.pose is not None
-    found = candidate.face.level_yaw
+    fit = measure_refined(portrait(model, pose), Candidate(model, pose, FLOOR), CONFIG).fit
+    assert fit is not None
+    assert fit.face is not None
+    found = fit.face.level_yaw
     assert found is not None
-    assert abs(candidate.pose.yaw + found.turn - pose.yaw) < 3 * found.sigma
+    assert abs(fit.pose.yaw + found.turn - pose.yaw) < 3 * found.sigma
     assert found.sigma < np.radians(0.6)
-
-
-def verified(
-    turn_deg: float,
-    sigma_deg: float,
-    portrait: Callable[..., ShotView],
-    model: PalletModel,
-    monkeypatch: pytest.MonkeyPatch,
-) -> Candidate:
-    """Measure a pallet of which the level lines say something else than they do."""
-
-    def fit(*given: Any) -> FaceEstimate | Reason:
-        found = fit_face(*given)
-        words = LevelYaw(float(np.radians(turn_deg)), float(np.radians(sigma_deg)), 3)
-        return found if isinstance(found, Reason) else replace(found, level_yaw=words)
-
-    monkeypatch.setattr(attempts, "fit_face", fit)
-    candidate = Candidate(model, POSE, HeightPrior(0.0, 0.003))
-    measure_refined(portrait(model, POSE), candidate, LocalizerConfig())
-    assert candidate.covariance is not None
-    return candidate
-
-
-def grown(found: Candidate) -> FloatArray:
-    """How much larger the covariance is than that of the fit."""
-    assert found.face is not None
-    assert found.covariance is not None
-    return found.covariance - found.face.covariance
-
-
-@pytest.mark.parametrize(("turn_deg", "sigma_deg"), [(0.0, 0.1), (0.2, 0.1), (-0.2, 0.1), (0.9, 0.4)])
-def test_lines_that_agree_change_nothing(
-    turn_deg: float,
-    sigma_deg: float,
-    portrait: Callable[..., ShotView],
-    t11: PalletModel,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    found = verified(turn_deg, sigma_deg, portrait, t11, monkeypatch)
-    assert found.refusal is None
-    np.testing.assert_allclose(grown(found), 0.0, atol=1e-15)
-
-
-@pytest.mark.parametrize(("turn_deg", "sigma_deg"), [(0.3, 0.1), (-0.3, 0.1), (0.7, 0.05), (-0.7, 0.2)])
-def test_lines_that_disagree_make_the_yaw_as_uncertain_as_they_are_apart(
-    turn_deg: float,
-    sigma_deg: float,
-    portrait: Callable[..., ShotView],
-    t11: PalletModel,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    found = verified(turn_deg, sigma_deg, portrait, t11, monkeypatch)
-    assert found.refusal is None
-    more = grown(found)
-    assert np.sqrt(more[3, 3]) == pytest.approx(np.radians(abs(turn_deg)), rel=1e-6)
-    assert np.linalg.eigvalsh(more).min() > -1e-12
-
-
-@pytest.mark.parametrize(("turn_deg", "sigma_deg"), [(1.1, 0.2), (-1.1, 0.2), (8.0, 1.5)])
-def test_a_pose_is_refused_whose_lines_clearly_disagree(
-    turn_deg: float,
-    sigma_deg: float,
-    portrait: Callable[..., ShotView],
-    t11: PalletModel,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    found = verified(turn_deg, sigma_deg, portrait, t11, monkeypatch)
-    assert found.refusal == (Stage.VERIFICATION, Reason.YAW_DISAGREES)
-
-
-def test_a_pose_whose_lines_are_far_apart_but_unsure_is_too_uncertain(
-    portrait: Callable[..., ShotView], t11: PalletModel, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    found = verified(3.0, 1.0, portrait, t11, monkeypatch)
-    assert found.refusal == (Stage.VERIFICATION, Reason.UNCERTAIN)

@@ -5,20 +5,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from palletloc.horizontal_view import HorizontalView, YawConfig, horizontal_source, line_up, view_horizontal
 
-from palletloc.candidate import ShotView
 from palletloc.geometry import LevelPose
 from palletloc.measurement import YawSource
 from palletloc.pallet import PalletModel
+from palletloc.paper.horizontal_view import HorizontalView, YawConfig, horizontal_source, line_up, view_horizontal
+from palletloc.shot import Shot
 
 POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
 CONFIG = YawConfig()
-Portrait = Callable[..., ShotView]
+Portrait = Callable[..., Shot]
 
 
 def viewed(
-    shot: ShotView, model: PalletModel, pose: LevelPose = POSE, source: YawSource = YawSource.BOTTOM
+    shot: Shot, model: PalletModel, pose: LevelPose = POSE, source: YawSource = YawSource.BOTTOM
 ) -> HorizontalView:
     return view_horizontal(shot.projector, shot.image, shot.camera_from_forklift, pose, model, source, CONFIG)
 
@@ -86,7 +86,7 @@ def test_a_place_farther_on_the_ray_gives_a_similar_picture(portrait: Portrait, 
     places = ((1.0, POSE), (1.05, replace(POSE, x=x, y=y, z=z)))
     points = np.array([[0.3, 0.05, 0.0], [-0.4, -0.05, 0.0], [0.0, 0.1, 0.0]])
     near, far = (
-        shot.projector.camera.project(viewed(shot, t11, pose).view.camera_from_plane.apply(scale * points))
+        shot.camera.project(viewed(shot, t11, pose).view.camera_from_plane.apply(scale * points))
         for scale, pose in places
     )
     np.testing.assert_allclose(far.pixels, near.pixels, atol=1e-6)

@@ -6,34 +6,34 @@ from typing import Any
 
 import numpy as np
 import pytest
-from palletloc.refinement.alignment import FaceEstimate, FaceFitConfig, YawPrior, fit_face, same_pose
 
-from palletloc.candidate import ShotView
 from palletloc.geometry import LevelPose
 from palletloc.measurement import HeightPrior, Reason
 from palletloc.pallet import PalletModel
 from palletloc.refinement import alignment
 from palletloc.refinement.edges import SeenFace, measure_face
+from palletloc.refinement.face_fit import FaceEstimate, FaceFitConfig, YawPrior, fit_face, same_pose
+from palletloc.shot import Shot
 
 POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
 FLOOR = HeightPrior(0.0, 0.003)
 TRUE_YAW = YawPrior(np.radians(0.1), 0.0)
-Portrait = Callable[..., ShotView]
+Portrait = Callable[..., Shot]
 
 
 def fitted(
-    shot: ShotView,
+    shot: Shot,
     model: PalletModel,
     start: LevelPose,
     height: HeightPrior = FLOOR,
     yaw: YawPrior | None = TRUE_YAW,
 ) -> FaceEstimate | Reason:
-    spread, camera = float(np.radians(5.0)), shot.projector.camera
+    spread, camera = float(np.radians(5.0)), shot.camera
     return fit_face(camera, shot.image, shot.mounting, start, model, height, yaw, spread, FaceFitConfig())
 
 
 def estimate(
-    shot: ShotView,
+    shot: Shot,
     model: PalletModel,
     start: LevelPose = POSE,
     height: HeightPrior = FLOOR,
@@ -89,7 +89,7 @@ def test_from_the_result_of_another_fit_one_round_may_do(
     for start, least, most in ((there.forklift_from_pallet, 1, 1), (moved(POSE, 0.008, -0.012), 2, 5)):
         measured.clear()
         found = fit_face(
-            shot.projector.camera,
+            shot.camera,
             shot.image,
             shot.mounting,
             start,
@@ -112,7 +112,7 @@ def test_a_fit_ends_where_another_start_has_led(measured: list[Any], portrait: P
     rounds = []
     for known in ([], [moved(there, 0.5, 0.0)], [there]):
         measured.clear()
-        camera, start = shot.projector.camera, moved(POSE, 0.004, -0.012)
+        camera, start = shot.camera, moved(POSE, 0.004, -0.012)
         found = fit_face(camera, shot.image, shot.mounting, start, t11, FLOOR, TRUE_YAW, 0.1, restless, known)
         assert isinstance(found, FaceEstimate)
         assert same_pose(found.forklift_from_pallet, there)
@@ -123,7 +123,7 @@ def test_a_fit_ends_where_another_start_has_led(measured: list[Any], portrait: P
 
 def test_a_fit_that_is_cut_short_says_how_far_off_it_may_be(portrait: Portrait, t11: PalletModel) -> None:
     shot = portrait(t11, POSE)
-    camera, start = shot.projector.camera, replace(moved(POSE, 0.010, 0.015), yaw=POSE.yaw + np.radians(0.8))
+    camera, start = shot.camera, replace(moved(POSE, 0.010, 0.015), yaw=POSE.yaw + np.radians(0.8))
     sigmas = []
     for rounds in (2, 6):
         config = FaceFitConfig(iterations=rounds, small_motion=1e-9)

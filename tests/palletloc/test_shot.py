@@ -4,13 +4,12 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from palletloc.exposure import BRIGHT, MOST_GAIN, brightened, points_about, shelf_points
 
-from palletloc.candidate import ShotView
 from palletloc.geometry import Image, LevelPose, wrap_angle
 from palletloc.localizer import Localizer
 from palletloc.pallet import PalletModel
 from palletloc.shelf import ShelfPlane
+from palletloc.shot import BRIGHT, MOST_GAIN, Shot, brightened, points_about, shelf_points
 
 SHELF = ShelfPlane(1.3, 2.02, -np.pi / 2 + 0.01, (0.0,))
 Placed = tuple[PalletModel, LevelPose]
@@ -38,27 +37,27 @@ def test_points_about_places_lie_on_their_faces() -> None:
     assert np.ptp(points[:, 1]) > 1.0
 
 
-def test_a_bright_shot_is_left_alone(floor_shot: ShotView) -> None:
+def test_a_bright_shot_is_left_alone(floor_shot: Shot) -> None:
     points = shelf_points(SHELF, (0.0, 0.5), 3.0)
-    camera = floor_shot.projector.camera
+    camera = floor_shot.camera
     bright = brightened(floor_shot.image, camera, floor_shot.mounting, points)
     assert brightened(bright, camera, floor_shot.mounting, points) is bright
 
 
-def test_a_dark_shot_is_exposed_for_the_shelf_and_not_for_a_lamp(floor_shot: ShotView) -> None:
+def test_a_dark_shot_is_exposed_for_the_shelf_and_not_for_a_lamp(floor_shot: Shot) -> None:
     points = shelf_points(SHELF, (0.0, 0.5), 3.0)
     dark = darkened(floor_shot.image, 0.2)
     dark[: dark.shape[0] // 8] = 255
-    found = brightened(dark, floor_shot.projector.camera, floor_shot.mounting, points)
-    pixels = floor_shot.projector.camera.project(
-        floor_shot.mounting.forklift_from_camera.inv().apply(points)
-    ).pixels.astype(int)
+    found = brightened(dark, floor_shot.camera, floor_shot.mounting, points)
+    pixels = floor_shot.camera.project(floor_shot.mounting.forklift_from_camera.inv().apply(points)).pixels.astype(
+        int
+    )
     values = found[pixels[:, 1], pixels[:, 0]].max(axis=-1)
     assert 0.8 * BRIGHT <= np.percentile(values, 98) <= 1.2 * BRIGHT
 
 
-def test_gain_has_an_end_and_what_is_not_seen_needs_none(floor_shot: ShotView) -> None:
-    camera, mounting = floor_shot.projector.camera, floor_shot.mounting
+def test_gain_has_an_end_and_what_is_not_seen_needs_none(floor_shot: Shot) -> None:
+    camera, mounting = floor_shot.camera, floor_shot.mounting
     black = np.ones_like(floor_shot.image)
     assert brightened(black, camera, mounting, shelf_points(SHELF, (0.0, 0.5), 3.0)).max() == MOST_GAIN
     nowhere = np.full((4, 3), np.nan)
@@ -68,7 +67,7 @@ def test_gain_has_an_end_and_what_is_not_seen_needs_none(floor_shot: ShotView) -
 @pytest.mark.parametrize("gain", [0.25, 0.16])
 def test_pallets_are_found_in_the_dark(
     floor_localizer: Callable[..., Localizer],
-    floor_shot: ShotView,
+    floor_shot: Shot,
     floor_pallets: tuple[Placed, ...],
     gain: float,
 ) -> None:

@@ -5,34 +5,34 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from palletloc.boundary import BoundaryLine
-from palletloc.horizontal_view import BoundaryMethod, HorizontalView, YawConfig, view_horizontal
-from palletloc.yaw import YawEstimate, find_lines, measure_line, measure_yaw
 
-from palletloc.candidate import ShotView
 from palletloc.geometry import LevelPose
 from palletloc.measurement import Reason, YawSource
 from palletloc.pallet import PalletModel
+from palletloc.paper.boundary import BoundaryLine
+from palletloc.paper.horizontal_view import BoundaryMethod, HorizontalView, YawConfig, view_horizontal
+from palletloc.paper.yaw import YawEstimate, find_lines, measure_line, measure_yaw
+from palletloc.shot import Shot
 
 POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
 HIGH = replace(POSE, z=3.3)
 CONFIG = YawConfig()
-Portrait = Callable[..., ShotView]
+Portrait = Callable[..., Shot]
 
 
-def viewed(shot: ShotView, model: PalletModel, start: LevelPose, source: YawSource) -> HorizontalView:
+def viewed(shot: Shot, model: PalletModel, start: LevelPose, source: YawSource) -> HorizontalView:
     return view_horizontal(shot.projector, shot.image, shot.camera_from_forklift, start, model, source, CONFIG)
 
 
 def measured(
-    shot: ShotView, model: PalletModel, start: LevelPose = POSE, source: YawSource = YawSource.BOTTOM
+    shot: Shot, model: PalletModel, start: LevelPose = POSE, source: YawSource = YawSource.BOTTOM
 ) -> YawEstimate:
     """The yaw, with the plane placed again by the first result."""
     first = measured_once(shot, model, start, source)
     return measured_once(shot, model, replace(start, yaw=first.yaw), source)
 
 
-def measured_once(shot: ShotView, model: PalletModel, start: LevelPose, source: YawSource) -> YawEstimate:
+def measured_once(shot: Shot, model: PalletModel, start: LevelPose, source: YawSource) -> YawEstimate:
     found = measure_yaw(shot.projector, viewed(shot, model, start, source), start, model, CONFIG)
     assert isinstance(found, YawEstimate)
     return found
@@ -42,7 +42,7 @@ def turned(pose: LevelPose, turn_deg: float) -> LevelPose:
     return replace(pose, yaw=pose.yaw + np.radians(turn_deg))
 
 
-def slid(shot: ShotView, pose: LevelPose, factor: float) -> LevelPose:
+def slid(shot: Shot, pose: LevelPose, factor: float) -> LevelPose:
     x, y, z = shot.mounting.center + factor * (np.array([pose.x, pose.y, pose.z]) - shot.mounting.center)
     return replace(pose, x=x, y=y, z=z)
 

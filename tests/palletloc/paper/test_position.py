@@ -5,21 +5,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from palletloc.position import PositionConfig, Sweep, sweep
 
-from palletloc.candidate import ShotView
 from palletloc.geometry import LevelPose
 from palletloc.measurement import HeightPrior, Reason
 from palletloc.pallet import PalletModel
+from palletloc.paper.position import PositionConfig, Sweep, sweep
+from palletloc.shot import Shot
 
 POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
 FLOOR = HeightPrior(0.0, 0.003)
 CONFIG = PositionConfig()
-Portrait = Callable[..., ShotView]
+Portrait = Callable[..., Shot]
 
 
 def swept(
-    shot: ShotView,
+    shot: Shot,
     model: PalletModel,
     start: LevelPose = POSE,
     prior: HeightPrior | None = FLOOR,
@@ -28,7 +28,7 @@ def swept(
     return sweep(shot.projector, shot.image, shot.camera_from_forklift, start, model, prior, yaw_known, CONFIG)
 
 
-def along_ray(shot: ShotView, pose: LevelPose, factor: float) -> LevelPose:
+def along_ray(shot: Shot, pose: LevelPose, factor: float) -> LevelPose:
     x, y, z = shot.mounting.center + factor * (np.array([pose.x, pose.y, pose.z]) - shot.mounting.center)
     return replace(pose, x=x, y=y, z=z)
 

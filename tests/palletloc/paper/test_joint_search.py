@@ -5,19 +5,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from palletloc.joint_search import JointSearch, JointSearchConfig, search_jointly
 
-from palletloc.candidate import ShotView
 from palletloc.geometry import LevelPose
 from palletloc.measurement import Reason
 from palletloc.pallet import PalletModel
+from palletloc.paper.joint_search import JointSearch, JointSearchConfig, search_jointly
+from palletloc.shot import Shot
 
 POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
 CONFIG = JointSearchConfig(turns=7, depths=7)
-Portrait = Callable[..., ShotView]
+Portrait = Callable[..., Shot]
 
 
-def searched(shot: ShotView, model: PalletModel, start: LevelPose = POSE) -> JointSearch | Reason:
+def searched(shot: Shot, model: PalletModel, start: LevelPose = POSE) -> JointSearch | Reason:
     return search_jointly(shot.projector, shot.image, shot.camera_from_forklift, start, model, CONFIG)
 
 

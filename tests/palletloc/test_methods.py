@@ -5,18 +5,19 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import palletloc.refined
 import pytest
-from palletloc.refined import measure_refined
 
+import palletloc.methods
 from palletloc.cameras import CameraModel
-from palletloc.candidate import Candidate, ShotView
+from palletloc.candidate import Candidate, Fit, Refusal
 from palletloc.config import LocalizerConfig
 from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
+from palletloc.methods import measure_refined
 from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
 from palletloc.refinement.search import Search, search
+from palletloc.shot import Shot
 from palletloc.verification import of_use
 
 POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
@@ -24,12 +25,12 @@ FLOOR = HeightPrior(0.0, 0.003)
 CONFIG = LocalizerConfig()
 NAMES = pytest.mark.parametrize("name", ["epal", "t11", "open_below"])
 HEIGHTS = pytest.mark.parametrize("height", [FLOOR, None], ids=["level", "free"])
-Portrait = Callable[..., ShotView]
+Portrait = Callable[..., Shot]
 Placed = tuple[PalletModel, LevelPose]
 
 
 def measured(
-    shot: ShotView,
+    shot: Shot,
     model: PalletModel,
     start: LevelPose,
     height: HeightPrior | None = FLOOR,
@@ -150,7 +151,7 @@ def test_far_starts_need_a_wide_search(portrait: Portrait, t11: PalletModel) -> 
 
 
 def test_at_every_height_a_pallet_is_measured_as_well_as_its_covariance_says_or_refused(
-    rack_shot: ShotView, rack_pallets: tuple[Placed, ...]
+    rack_shot: Shot, rack_pallets: tuple[Placed, ...]
 ) -> None:
     sigmas = []
     for model, pose in rack_pallets:
@@ -207,7 +208,7 @@ def test_a_start_from_which_nothing_can_be_seen_is_refused(
 def test_a_face_cut_by_the_images_border_is_refused(
     aside_deg: float,
     portrait: Portrait,
-    photograph: Callable[..., ShotView],
+    photograph: Callable[..., Shot],
     narrow_view: CameraModel,
     t11: PalletModel,
 ) -> None:

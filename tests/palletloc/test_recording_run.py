@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from palletloc.offline import Job, Outcome, ShotError, read_job, shelf_at, work_through
 
 from palletloc.candidate import Candidate
 from palletloc.choices import Method
@@ -22,6 +21,7 @@ from palletloc.io.run_folder import Run, RunFolder
 from palletloc.io.yaml_document import DocumentError
 from palletloc.localizer import Explanation, Localizer
 from palletloc.measurement import PalletMeasurement, YawSource
+from palletloc.recording_run import Job, Outcome, ShotError, read_job, shelf_at, work_through
 
 RUN = Run(recording="0", method="m", configuration="c", starts="")
 PRIOR = PriorConfig(drift_rate_deg_s=0.5, max_drift_deg=0.8)

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from palletloc.refinement.system import DEPTH_ERROR, FaceSolution, FaceSystem
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from palletloc.edge_fit import EdgeFit
@@ -17,6 +16,7 @@ from palletloc.pallet_library import load_library
 from palletloc.plane import PALLET_FROM_VERTICAL
 from palletloc.refinement.depth_edges import DepthEdge, visible_depth_edges
 from palletloc.refinement.edges import MeasuredEdge, SeenFace
+from palletloc.refinement.normal_equations import DEPTH_ERROR, FaceEquations, FaceSolution
 
 POSE = LevelPose(0.9, 2.0, 0.15, 1.7)
 STEP = 1e-5
@@ -111,7 +111,7 @@ def test_a_small_motion_is_recovered_from_where_the_edges_went(
     unknown: int, slopes: bool, t11: PalletModel, mounting: Mounting
 ) -> None:
     motion = STEP * np.eye(4)[unknown]
-    system = FaceSystem(seen_face(t11, mounting, motion), POSE, mounting, t11)
+    system = FaceEquations(seen_face(t11, mounting, motion), POSE, mounting, t11)
     if slopes:
         system.add_slopes(0.1)
     np.testing.assert_allclose(system.solve().motion, motion, atol=0.02 * STEP)
@@ -119,7 +119,7 @@ def test_a_small_motion_is_recovered_from_where_the_edges_went(
 
 def test_motions_add_up(t11: PalletModel, mounting: Mounting) -> None:
     motion = STEP * np.array([1.0, -2.0, 3.0, 1.5])
-    solution = FaceSystem(seen_face(t11, mounting, motion), POSE, mounting, t11).solve()
+    solution = FaceEquations(seen_face(t11, mounting, motion), POSE, mounting, t11).solve()
     np.testing.assert_allclose(solution.motion, motion, atol=0.05 * STEP)
     assert solution.chi2 < 1.0
     np.testing.assert_allclose(solution.weights, 1.0, atol=1e-3)
@@ -128,7 +128,7 @@ def test_motions_add_up(t11: PalletModel, mounting: Mounting) -> None:
 @pytest.mark.parametrize("axis", [0, 1, 2, 5], ids=["x", "y", "z", "yaw"])
 def test_a_wrong_mounting_moves_the_pallet_as_geometry_says(axis: int, t11: PalletModel, mounting: Mounting) -> None:
     errors = STEP * np.eye(6)[axis]
-    solution = FaceSystem(seen_face(t11, mounting, errors=errors), POSE, exact(mounting), t11).solve()
+    solution = FaceEquations(seen_face(t11, mounting, errors=errors), POSE, exact(mounting), t11).solve()
     np.testing.assert_allclose(solution.motion, induced(mounting, errors), atol=0.05 * STEP)
 
 
@@ -138,7 +138,7 @@ def test_the_covariance_holds_the_motion_that_the_mountings_error_makes(
 ) -> None:
     sigma = 0.002 * np.eye(6)[axis]
     uncertain = Mounting(mounting.forklift_from_camera, tuple(sigma[:3]), tuple(sigma[3:]))
-    solution = FaceSystem(seen_face(t11, mounting, sigma=1e-7), POSE, uncertain, t11).solve()
+    solution = FaceEquations(seen_face(t11, mounting, sigma=1e-7), POSE, uncertain, t11).solve()
     motion = induced(mounting, 1e-6 * np.eye(6)[axis]) / 1e-6 * 0.002
     np.testing.assert_allclose(solution.covariance, np.outer(motion, motion), rtol=1e-2, atol=1e-9)
 
@@ -147,7 +147,7 @@ def test_the_covariance_holds_the_motion_that_the_mountings_error_makes(
 def test_a_tilted_mounting_makes_the_place_uncertain(axis: int, t11: PalletModel, mounting: Mounting) -> None:
     sigma = 0.003 * np.eye(6)[axis]
     tilted = Mounting(mounting.forklift_from_camera, (0.0, 0.0, 0.0), tuple(sigma[3:]))
-    sure, unsure = (FaceSystem(seen_face(t11, mounting), POSE, one, t11) for one in (exact(mounting), tilted))
+    sure, unsure = (FaceEquations(seen_face(t11, mounting), POSE, one, t11) for one in (exact(mounting), tilted))
     for system in (sure, unsure):
         system.add_height(0.0, 0.001)
     gained = unsure.solve().covariance - sure.solve().covariance
@@ -157,7 +157,7 @@ def test_a_tilted_mounting_makes_the_place_uncertain(axis: int, t11: PalletModel
 
 def test_a_known_height_pulls_the_depth_as_the_camera_looks_down(t11: PalletModel, mounting: Mounting) -> None:
     vague = seen_face(t11, mounting, sigma=1e-3)
-    system = FaceSystem(vague, POSE, exact(mounting), t11)
+    system = FaceEquations(vague, POSE, exact(mounting), t11)
     system.add_height(0.010, 1e-6)
     right, up, depth, _ = system.solve().motion
     camera = vague.plane_from_camera
@@ -172,7 +172,7 @@ def test_a_known_height_pulls_the_depth_as_the_camera_looks_down(t11: PalletMode
 def test_what_is_known_beforehand_rules_where_edges_say_little(
     name: str, unknown: int, t11: PalletModel, mounting: Mounting
 ) -> None:
-    system = FaceSystem(seen_face(t11, mounting, sigma=10.0), POSE, exact(mounting), t11)
+    system = FaceEquations(seen_face(t11, mounting, sigma=10.0), POSE, exact(mounting), t11)
     if name == "height":
         system.add_height(0.004, 0.002)
     elif name == "turn":
@@ -190,7 +190,7 @@ def test_a_yaw_from_a_line_shares_the_mountings_error_and_a_known_turn_does_not(
     turned = Mounting(mounting.forklift_from_camera, (0.0, 0.0, 0.0), (0.0, 0.0, 0.005))
     sigmas = []
     for add in ("add_yaw", "add_turn"):
-        system = FaceSystem(seen_face(t11, mounting, sigma=10.0), POSE, turned, t11)
+        system = FaceEquations(seen_face(t11, mounting, sigma=10.0), POSE, turned, t11)
         getattr(system, add)(0.0, 1e-5, *((0.0,) if add == "add_yaw" else ()))
         sigmas.append(float(np.sqrt(system.solve().covariance[3, 3])))
     assert sigmas[0] == pytest.approx(0.005, rel=1e-2)
@@ -199,7 +199,7 @@ def test_a_yaw_from_a_line_shares_the_mountings_error_and_a_known_turn_does_not(
 
 def test_slopes_give_the_yaw_where_offsets_do_not(t11: PalletModel, mounting: Mounting) -> None:
     turn = STEP * np.array([0.0, 0.0, 0.0, 1.0])
-    system = FaceSystem(seen_face(t11, mounting, turn, sigma=10.0), POSE, exact(mounting), t11)
+    system = FaceEquations(seen_face(t11, mounting, turn, sigma=10.0), POSE, exact(mounting), t11)
     system.add_slopes(0.1)
     system.add_height(0.0, 1e-3)
     assert system.solve().motion[3] == pytest.approx(STEP, rel=0.02)
@@ -209,7 +209,7 @@ def test_one_edge_that_contradicts_the_others_loses_its_weight(t11: PalletModel,
     count = len(face_lines(t11))
     for wrong in range(count):
         noise = 0.030 * np.eye(count)[wrong]
-        system = FaceSystem(seen_face(t11, mounting, noise=noise), POSE, mounting, t11)
+        system = FaceEquations(seen_face(t11, mounting, noise=noise), POSE, mounting, t11)
         system.add_height(0.0, 0.003)
         system.add_turn(0.0, 0.001)
         solution = system.solve()
@@ -220,7 +220,7 @@ def test_one_edge_that_contradicts_the_others_loses_its_weight(t11: PalletModel,
 
 def test_edges_that_scatter_more_than_they_should_widen_the_covariance(t11: PalletModel, mounting: Mounting) -> None:
     noise = np.random.default_rng(0).normal(0.0, 0.004, len(face_lines(t11)))
-    calm, torn = (FaceSystem(seen_face(t11, mounting, noise=n), POSE, exact(mounting), t11) for n in ((), noise))
+    calm, torn = (FaceEquations(seen_face(t11, mounting, noise=n), POSE, exact(mounting), t11) for n in ((), noise))
     quiet, loud = calm.solve(), torn.solve()
     assert loud.chi2 > 2.0 > quiet.chi2
     assert (np.diag(loud.covariance) > 2.0 * np.diag(quiet.covariance)).all()
@@ -231,7 +231,7 @@ def test_a_covariance_is_symmetric_and_positive_definite(
     name: str, mounting: Mounting, request: pytest.FixtureRequest
 ) -> None:
     model: PalletModel = request.getfixturevalue(name)
-    system = FaceSystem(seen_face(model, mounting), POSE, mounting, model)
+    system = FaceEquations(seen_face(model, mounting), POSE, mounting, model)
     system.add_slopes(0.1)
     covariance = system.solve().covariance
     np.testing.assert_allclose(covariance, covariance.T, rtol=1e-9, atol=1e-15)
@@ -244,7 +244,7 @@ EPAL = load_library()["epal1-1200"]
 LEVEL_POSE = replace(POSE, z=1.72)
 
 
-def level_system(mounting: Mounting, sigma: float = 1e-3) -> tuple[FaceSystem, FaceSolution, list[DepthEdge]]:
+def level_system(mounting: Mounting, sigma: float = 1e-3) -> tuple[FaceEquations, FaceSolution, list[DepthEdge]]:
     """A face at the camera's height, its solution, and the edges behind it."""
     camera = forklift_from_plane(LEVEL_POSE).inv().apply(mounting.center)
     edges = [
@@ -253,7 +253,7 @@ def level_system(mounting: Mounting, sigma: float = 1e-3) -> tuple[FaceSystem, F
         )
         for line in face_lines(EPAL)
     ]
-    system = FaceSystem(SeenFace(camera, tuple(edges), len(edges)), LEVEL_POSE, mounting, EPAL)
+    system = FaceEquations(SeenFace(camera, tuple(edges), len(edges)), LEVEL_POSE, mounting, EPAL)
     system.add_height(0.0, 0.003)
     system.add_turn(0.0, 0.1)
     behind = list(visible_depth_edges(EPAL, camera))
@@ -330,7 +330,7 @@ def test_level_with_the_camera_blur_makes_the_range_less_certain(mounting: Mount
     for pose in (LEVEL_POSE, POSE):
         camera = forklift_from_plane(pose).inv().apply(mounting.center)
         seen = [SeenFace(camera, tuple(edges), len(edges)) for edges in (sharp, blurred)]
-        systems = [FaceSystem(one, pose, exact(mounting), EPAL) for one in seen]
+        systems = [FaceEquations(one, pose, exact(mounting), EPAL) for one in seen]
         depths.append([float(np.sqrt(system.solve().covariance[2, 2])) for system in systems])
     assert depths[0][1] > 1.3 * depths[0][0]
     assert depths[1][1] == pytest.approx(depths[1][0])

@@ -2,10 +2,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from palletloc.boundary import BoundaryLine, boundary_lines
 from scipy.spatial.transform import RigidTransform
 
 from palletloc.geometry import BoolArray, FloatArray
+from palletloc.paper.boundary import BoundaryLine, boundary_lines
 from palletloc.plane import PlaneGrid, PlaneView
 
 GRID = PlaneGrid.spanning(-0.6, 0.6, -0.12, 0.15, 0.004)

@@ -24,7 +24,7 @@ smoke: $(VENV)/installed-test  ## whether the installation works, in half a minu
 	$(BIN)/python -m pytest -W default tests/test_smoke.py
 
 slow: $(VENV)/installed-test  ## the tests that take minutes; exit code 5: there are none
-	$(BIN)/python -m pytest -m slow || [ $$? -eq 5 ]
+	$(BIN)/python -m pytest -m slow --hypothesis-profile=many || [ $$? -eq 5 ]
 
 search: $(VENV)/installed-test  ## random examples, very many, for what no test has found; takes hours
 	$(BIN)/python -m pytest -m hypothesis --hypothesis-profile=search

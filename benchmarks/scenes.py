@@ -14,10 +14,9 @@ from palletloc.pallet import PalletModel
 from palletloc.pallet_library import load_library
 from palletloc.prior import PriorConfig
 from palletloc.synthetic.aisle import AisleSpec
-from palletloc.synthetic.approach import OdometryNoise
 from palletloc.synthetic.loads import Load
-from palletloc.synthetic.sensor import Sensor
-from palletloc.synthetic.simulation import SimulationSpec
+from palletloc.synthetic.rig import Sensor
+from palletloc.synthetic.simulation import SimulatedOdometryNoise, SimulationSpec
 
 _Kind = TypeVar("_Kind")
 
@@ -209,9 +208,9 @@ def _sensor(light: Illumination, rng: np.random.Generator) -> Sensor:
     )
 
 
-def _odometry(factor: float) -> OdometryNoise:
-    usual = OdometryNoise()
-    return OdometryNoise(
+def _odometry(factor: float) -> SimulatedOdometryNoise:
+    usual = SimulatedOdometryNoise()
+    return SimulatedOdometryNoise(
         factor * usual.scale_sigma,
         factor * usual.bias_sigma,
         factor * usual.speed_sigma,

@@ -12,21 +12,16 @@ from benchmarks.stopwatch import take_turns
 from benchmarks.tables import Column, Section
 from palletloc.geometry import LevelPose
 from palletloc.measurement import PalletMeasurement, YawSource
-from tracking.belief import Belief, Rules
-from tracking.config import TrackerConfig
-from tracking.filter import PalletFilter
-from tracking.footprint import Footprints
-from tracking.joint import regrouped
-from tracking.joint_filter import JointFilter, Seen
-from tracking.motion import Motion, Twist
+from tracking import Odometry, OdometryNoise, PalletTracker, TrackerConfig, Twist
+from tracking.filter import GroupFilter
+from tracking.gating import Association
 from tracking.observation import Observation, observe
-from tracking.odometry import Odometry, OdometryNoise
-from tracking.replay import Look, Replay
-from tracking.track import Key
-from tracking.tracker import PalletTracker
+from tracking.state import Key, regrouped
 
 REPEATS = 100
 """How many steps a filter does in one turn."""
+GROUP = TrackerConfig().tracks_together
+"""Tracks of a group."""
 PALLETS, SHOTS, SAMPLES = 50, 30, 50
 """Tracks, shots and samples of odometry per second."""
 LATE = 0.1
@@ -52,95 +47,70 @@ def measure_tracking(rounds: int) -> list[Section]:
     """
     timings = take_turns(
         {
-            "step": _steps(1),
-            "steps": _steps(PALLETS),
-            "joint": _joint_steps(PALLETS),
+            "alone": _steps(1),
+            "group": _steps(GROUP),
+            "groups": _steps(PALLETS),
             "replay": _replay(),
-            "together": _fleet(rounds + 1, together=True),
-            "alone": _fleet(rounds + 1, together=False),
+            "shot by shot": _fleet(rounds + 1, together=True),
+            "one by one": _fleet(rounds + 1, together=False),
         },
         rounds,
     )
+    per_track = {name: 1e6 * timings.median(name) / REPEATS for name in ("alone", "group", "groups")}
     rows = (
-        ("predict, gate and update a track alone", 1e6 * timings.median("step") / REPEATS, "us per track", 60.0),
-        (f"the same of {PALLETS} at once", 1e6 * timings.median("steps") / REPEATS / PALLETS, "us per track", 60.0),
-        (
-            f"the same of {PALLETS}, which share estimates",
-            1e6 * timings.median("joint") / REPEATS / PALLETS,
-            "us per track",
-            60.0,
-        ),
+        ("predict, gate and update a track alone", per_track["alone"], "us per track", 60.0),
+        (f"the same of {GROUP} in a group", per_track["group"] / GROUP, "us per track", 60.0),
+        (f"the same of {PALLETS} in groups", per_track["groups"] / PALLETS, "us per track", 60.0),
         ("replay of 2 s: 100 samples of odometry, 20 shots", 1e3 * timings.median("replay"), "ms", 3.0),
-        (f"{PALLETS} tracks at {SHOTS} Hz, shot by shot", 100 * timings.median("together"), "% of a core", 15.0),
-        (f"{PALLETS} tracks at {SHOTS} Hz, one by one", 100 * timings.median("alone"), "% of a core", None),
+        (f"{PALLETS} tracks at {SHOTS} Hz, shot by shot", 100 * timings.median("shot by shot"), "% of a core", 15.0),
+        (f"{PALLETS} tracks at {SHOTS} Hz, one by one", 100 * timings.median("one by one"), "% of a core", None),
     )
     return [Section("Tracking", _COLUMNS, rows, f"CPU time in one thread; medians of {rounds} rounds.")]
 
 
 def _steps(tracks: int) -> Callable[[], object]:
-    """Return steps of a filter's tracks, one after the other: a motion, the gate, and an update each."""
-    engine, motion, one = PalletFilter(TrackerConfig()), _motion(), _observation()
-    seen, ones = [one] * tracks, [1.0] * tracks
-
-    def once() -> object:
-        states = [engine.begin(one)] * tracks
-        for _ in range(REPEATS):
-            states = [it.state for it in engine.predicted(states, motion)]
-            engine.innovations(states, seen, ones)
-            states = engine.updates(states, seen, ones, ones)
-        return states
-
-    return once
-
-
-def _joint_steps(tracks: int) -> Callable[[], object]:
-    """Return the same of tracks that share estimates."""
+    """Return steps of tracks in groups, one after the other: a motion, the gate, and an update each."""
     config = TrackerConfig()
-    engine, motion, one = PalletFilter(config), _motion(), _observation()
-    together = JointFilter(engine)
-    began = [(Key(0.0, str(number)), engine.begin(one)) for number in range(tracks)]
+    group_filter, motion, observation = (
+        GroupFilter(config),
+        OdometryNoise().moved(Twist(0.5, 0.0, 0.1), 0.033),
+        _seen(),
+    )
+    began = [(Key(0.0, str(number)), group_filter.begin(observation)) for number in range(tracks)]
     start = regrouped((), began, {key for key, _ in began}, config.tracks_together)
-    seen = [[Seen(member, one) for member in range(len(joint.keys))] for joint in start]
-    every, ones = [one] * tracks, [1.0] * tracks
+    hits = [[(member, Association(observation)) for member in range(len(group.keys))] for group in start]
 
     def once() -> object:
-        joints = start
+        groups = start
         for _ in range(REPEATS):
-            joints = together.predicted(joints, motion)
-            engine.innovations([state for joint in joints for state in joint.members], every, ones)
-            joints = together.updated(joints, seen)
-        return joints
+            groups = group_filter.predict_groups(groups, motion)
+            for group in groups:
+                for state in group.members.values():
+                    group_filter.innovation(state, observation)
+            groups = [group_filter.update_group(*pair) for pair in zip(groups, hits, strict=True)]
+        return groups
 
     return once
 
 
-def _motion() -> Motion:
-    return OdometryNoise().moved(Twist(0.5, 0.0, 0.1), 0.033)
-
-
-def _observation() -> Observation:
-    (one,) = observe([_measurement(0.0, np.array([3.0, 2.0, 0.0, 1.5]))], TrackerConfig().errors)
-    if not isinstance(one, Observation):
-        raise one
-    return one
+def _seen() -> Observation:
+    (found,) = observe([_measurement(0.0, np.array([3.0, 2.0, 0.0, 1.5]))], TrackerConfig().errors)
+    if not isinstance(found, Observation):
+        raise found
+    return found
 
 
 def _replay() -> Callable[[], object]:
     """Return doing the steps of 2 s again after the oldest sample of odometry has changed."""
-    config = TrackerConfig()
     drive = Drive(duration=1.99, speed=0.5, rate=50, shot_every=5)
-    approach = simulate(np.random.default_rng(0), config, drive)
-    replay = Replay(Rules(config, PalletFilter(config), Footprints()), Belief())
-    for sample in approach.odometry:
-        replay.path.put(sample)
-    for one in observe(approach.measurements, config.errors):
-        if isinstance(one, Observation):
-            replay.place(Look(one.time, (one,)))
-    replay.run()
+    approach = simulate(np.random.default_rng(0), TrackerConfig(), drive)
+    tracker = PalletTracker()
+    tracker.push([*approach.odometry, *approach.measurements])
+    changes = count(1)
 
     def once() -> object:
-        replay.path.put(approach.odometry[0])
-        return replay.run(-1.0)
+        # of two samples of the same time the one that is ahead is kept
+        return tracker.push(Odometry(approach.odometry[0].time, LevelPose(1e-9 * next(changes), 0.0, 0.0, 0.0)))
 
     return once
 
@@ -155,8 +125,8 @@ def _fleet(seconds: int, together: bool) -> Callable[[], object]:
             if together:
                 tracker.push(batch)
             else:
-                for one in batch:
-                    tracker.push(one)
+                for given in batch:
+                    tracker.push(given)
         return tracker.tracks()
 
     drive(next(stream))
@@ -179,7 +149,7 @@ def _arrivals(rng: np.random.Generator) -> Iterator[list[list[Odometry | PalletM
                     [_measurement(time, _place(i, time) + SIGMAS * rng.normal(size=4)) for i in range(PALLETS)],
                 )
             )
-        yield [batch for _, batch in sorted(found, key=lambda one: one[0])]
+        yield [batch for _, batch in sorted(found, key=lambda arrival: arrival[0])]
 
 
 def _place(number: int, time: float) -> np.ndarray:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 from rich.console import Console
 from rich.text import Text
 
-from calibration.outcome import Outcome
 from palletloc.errors import PalletLocError
+
+if TYPE_CHECKING:
+    from calibration.result_page import ResultPage
 
 app = typer.Typer(no_args_is_help=True, help="Calibrate the camera's mounting, lenses and shelf plane; make targets.")
 
@@ -29,18 +31,22 @@ def extrinsics(
     ] = None,
 ) -> None:
     """Find the camera's pose on the forklift from surveyed targets; or check it by a drive past targets."""
-    from calibration.motion.run import calibrate_motion  # numpy, cv2 and matplotlib take a second
-    from calibration.run import calibrate_extrinsics
+    from calibration import calibrate_motion, calibrate_mounting  # numpy, cv2 and matplotlib take a second
+    from calibration.motion.report import motion_page
+    from calibration.mounting.report import mounting_page
+    from calibration.result_page import write_result
 
     _expect(out, ".yaml", ".yml")
     with _progress() as told:
         if folder is not None and motion is None:
-            outcome = calibrate_extrinsics(folder, out, told)
+            page = mounting_page(calibrate_mounting(folder, told))
         elif motion is not None and folder is None:
-            outcome = calibrate_motion(motion, out, told)
+            page = motion_page(calibrate_motion(motion, told))
         else:
             raise typer.BadParameter("expected one of FOLDER and --motion RECORDING")
-    _conclude(outcome)
+        told("writing the report")
+        files = write_result(page, out)
+    _finish(page, files)
 
 
 @app.command("plan")
@@ -51,11 +57,14 @@ def plan(
     ] = None,
 ) -> None:
     """Predict how well planned targets will give the camera's pose, before anything is hung or driven."""
-    from calibration.plan.run import plan_layout
+    from calibration import plan_targets
+    from calibration.plan.report import plan_page
+    from calibration.result_page import write_result
 
     if out is not None:
         _expect(out, ".html")
-    _conclude(plan_layout(layout, out))
+    page = plan_page(plan_targets(layout))
+    _finish(page, () if out is None else write_result(page, out))
 
 
 @app.command("shelf")
@@ -74,11 +83,13 @@ def shelf(
     tag_offset: Annotated[float, typer.Option(help="How far their faces lie before the front, in metres.")] = 0.0,
 ) -> None:
     """Find the front plane of a shelf from a recording; by default around the plane that it states."""
-    from calibration.shelf.run import calibrate_shelf
+    from calibration import calibrate_shelf
+    from calibration.result_page import write_result
+    from calibration.shelf.report import shelf_page
     from calibration.shelf.survey import Front
     from calibration.shelf.upright_tags import TagsOnUprights
 
-    if front not in [one.value for one in Front]:
+    if front not in [known.value for known in Front]:
         raise typer.BadParameter(f"--front {front}: expected uprights or pallets")
     if side not in (None, "left", "right"):
         raise typer.BadParameter(f"--side {side}: expected left or right")
@@ -87,8 +98,10 @@ def shelf(
         raise typer.BadParameter("--side and --distance go together")
     tags = None if tag_size is None else TagsOnUprights(tag_dictionary, tag_size, tag_offset)
     with _progress() as told:
-        outcome = calibrate_shelf(recording, out, side, distance, Front(front), tags, told)
-    _conclude(outcome)
+        page = shelf_page(calibrate_shelf(recording, side, distance, Front(front), tags, told))
+        told("writing the report")
+        files = write_result(page, out)
+    _finish(page, files)
 
 
 @app.command("check")
@@ -102,13 +115,15 @@ def check(
     ] = 0.15,
 ) -> None:
     """Check whether the camera still sits on the forklift as a recording says."""
-    from calibration.check.run import calibrate_check
+    from calibration import check_mounting
+    from calibration.check.report import check_page
+    from calibration.result_page import write_report
 
     if out is not None:
         _expect(out, ".html")
     with _progress() as told:
-        outcome = calibrate_check(recording, tolerance, out, told)
-    _conclude(outcome)
+        page = check_page(check_mounting(recording, tolerance, told))
+    _finish(page, () if out is None else write_report(page, out))
 
 
 def _expect(out: Path, *suffixes: str) -> None:
@@ -125,16 +140,18 @@ def _progress() -> Iterator[Callable[[str], None]]:
         yield status.update if console.is_terminal else lambda _: None
 
 
-def _conclude(outcome: Outcome) -> None:
-    """Print what a run did, and end with its exit code."""
+def _finish(page: ResultPage, files: Sequence[Path]) -> NoReturn:
+    """Print a result and what was written, and end with its exit code."""
+    from calibration.result_page import reason_lines, terminal_parts
+
     console = Console()
-    for part in outcome.summary:
+    for part in terminal_parts(page):
         console.print(part)
-    for path in outcome.files:
+    for path in files:
         console.print(Text(f"written: {path}"), soft_wrap=True)
-    for line in outcome.reasons:
+    for line in reason_lines(page):
         typer.echo(f"palletloc: {line}", err=True)
-    raise typer.Exit(outcome.exit_code)
+    raise typer.Exit(page.exit_code)
 
 
 @app.command("board")
@@ -149,8 +166,8 @@ def board(
     tag: Annotated[bool, typer.Option("--tag", help="A single marker instead of a board.")] = False,
 ) -> None:
     """Make a printable board or tag at true scale, with a ruler to check the print."""
-    from calibration.board_pdf import board_pdf, target_yaml
-    from calibration.targets import CharucoBoard, SingleTag
+    from calibration.targets.board_pdf import board_pdf, target_yaml
+    from calibration.targets.targets import CharucoBoard, SingleTag
     from palletloc.io.atomic import write_bytes
 
     _expect(out, ".pdf")
@@ -174,12 +191,16 @@ def intrinsics(
     ] = "kannala_brandt",
 ) -> None:
     """Find the parameters of a lens, or of two, from shots of boards."""
-    from calibration.intrinsics.run import calibrate_intrinsics
+    from calibration import calibrate_lenses
+    from calibration.intrinsics.report import lenses_page
+    from calibration.result_page import write_result
 
     _expect(out, ".yaml", ".yml")
     with _progress() as told:
-        outcome = calibrate_intrinsics(folder, model, out, told)
-    _conclude(outcome)
+        page = lenses_page(calibrate_lenses(folder, model, told))
+        told("writing the report")
+        files = write_result(page, out)
+    _finish(page, files)
 
 
 @app.command("convert")
@@ -195,7 +216,7 @@ def convert(
     """Convert a camera file to the form of another program, or to another lens model."""
     from math import degrees, radians
 
-    from calibration.formats.convert import convert_camera
+    from calibration import convert_camera
 
     done = convert_camera(source, to, out, camera, radians(max_angle_deg))
     console = Console()

@@ -16,9 +16,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from palletloc import Localizer, read_recording
-from tracking import PalletTracker
-from tracking.smoother import smoothed
-from tracking.stream import RecordingSource, ShelfLocalizer, stream
+from tracking import PalletTracker, RecordingSource, ShelfLocalizer, smoothed, stream
 
 recording = read_recording(Path(str(files("palletloc") / "sample")))
 localizer = ShelfLocalizer(Localizer(recording.models), recording.camera, recording.mounting, recording.shelf)

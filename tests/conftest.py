@@ -9,5 +9,6 @@ from __future__ import annotations
 from hypothesis import settings
 
 settings.register_profile("fixed", max_examples=100, deadline=None, derandomize=True, database=None)
+settings.register_profile("many", settings.get_profile("fixed"), max_examples=400)
 settings.register_profile("search", max_examples=1000, deadline=None, derandomize=False, print_blob=True)
 settings.load_profile("fixed")

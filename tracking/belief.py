@@ -5,16 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from tracking.association import Footprints
 from tracking.config import TrackerConfig
 from tracking.events import EventKind
-from tracking.filter import PalletFilter
-from tracking.footprint import Footprints
-from tracking.joint import Joint
-from tracking.joint_filter import JointFilter
-from tracking.track import Key, Track
+from tracking.filter import GroupFilter
+from tracking.state import Key, TrackGroup
+from tracking.track import Track
 
 
-class Fate(NamedTuple):
+class Disposition(NamedTuple):
     """What became of an observation."""
 
     kind: EventKind
@@ -37,9 +36,9 @@ class Belief:
     """Of the shot up to which tracks are carried, in seconds; None before the first."""
     tracks: tuple[Track, ...] = ()
     """Live ones, in the order of their keys."""
-    joints: tuple[Joint, ...] = ()
-    """What is known of them together: each track is in one estimate, which it may share with others."""
-    fates: tuple[Fate, ...] = ()
+    groups: tuple[TrackGroup, ...] = ()
+    """What is known of them together: each track is in one group."""
+    dispositions: tuple[Disposition, ...] = ()
     """What became of the shot's observations, in their order."""
     ended: tuple[tuple[Key, str], ...] = ()
     """Tracks that ended at this shot, and why."""
@@ -50,17 +49,12 @@ class Belief:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Rules:
-    """What a step needs besides its inputs."""
+class UpdateModel:
+    """What an update needs besides its inputs."""
 
     config: TrackerConfig
     """Parameters."""
-    engine: PalletFilter
-    """The filter, which has no memory."""
+    filter: GroupFilter
+    """Predicts and updates states."""
     footprints: Footprints
     """Sizes of pallets."""
-
-    @property
-    def joint_engine(self) -> JointFilter:
-        """The filter of tracks that share an estimate."""
-        return JointFilter(self.engine)

@@ -1,4 +1,4 @@
-"""The command ``palletloc track``, and ``palletloc config`` with the tracker's parameters."""
+"""The commands ``palletloc track``, ``palletloc demo``, and ``palletloc config`` with the tracker's parameters."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 from rich import box
 from rich.console import Console
@@ -17,21 +16,16 @@ from rich.table import Table
 from rich.text import Text
 
 from palletloc.choices import Method
-from palletloc.cli.localize import Tally, fill
-from palletloc.config import LocalizerConfig
-from palletloc.io.config_file import format_config, read_config
-from palletloc.io.recording import Recording, read_recording
-from palletloc.io.run_folder import MEASUREMENTS, Run, RunFolder
-from palletloc.io.tracks import TrackRow
-from palletloc.io.truth import Truth, path_file, read_truth
-from palletloc.measurement import PalletMeasurement
-from palletloc.recording_run import read_job
-from palletloc.track_status import Status
-from tracking.config import TrackerConfig
-from tracking.events import Event, EventKind
-from tracking.files import remove_run
-from tracking.offline import TrackedRecording, read_measured, track_recording, write_run
-from tracking.parameters import format_tracker_config, read_tracker_config
+
+if TYPE_CHECKING:
+    from palletloc.config import LocalizerConfig
+    from palletloc.io.recording import Recording
+    from palletloc.io.tracks import TrackRow
+    from palletloc.io.truth import Truth
+    from palletloc.measurement import PalletMeasurement
+    from tracking.config import TrackerConfig
+    from tracking.events import Event
+    from tracking.recording import TrackedRecording
 
 _ONLY_WITH_IMAGES = ("method", "strict", "resume", "verbose")
 
@@ -63,6 +57,12 @@ def track(
     Measures the pallets in each shot, as palletloc localize does, and fuses them with the odometry. Adds tracks.csv,
     the folder tracks, events.csv and the picture tracks.png to its files.
     """
+    from palletloc.config import LocalizerConfig
+    from palletloc.io.config_file import read_config
+    from palletloc.io.recording import read_recording
+    from tracking.config import TrackerConfig, read_tracker_config
+    from tracking.recording import read_measured, write_run
+
     console = Console(stderr=True)
     parameters = LocalizerConfig() if config is None else read_config(config)
     tracker = TrackerConfig() if config is None else read_tracker_config(config)
@@ -93,9 +93,26 @@ def config(
     The output is YAML. Put it into a file, change what you like, delete the rest, and give the file to
     palletloc localize --config or palletloc track --config.
     """
+    from palletloc.io.config_file import format_config, read_config
+    from tracking.config import format_tracker_config, read_tracker_config
+
     parameters = None if file is None else read_config(file)
     tracker = None if file is None else read_tracker_config(file)
     typer.echo(f"{format_config(parameters)}\n{format_tracker_config(tracker)}", nl=False)
+
+
+def demo(
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results; made if missing.")] = Path(
+        "palletloc-demo"
+    ),
+) -> None:
+    """Localize, track and evaluate the sample that comes along.
+
+    Writes what palletloc localize, track, evaluate and explain write, and index.html, which shows and links it all.
+    """
+    from tracking.demo import run_demo
+
+    run_demo(out)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,6 +137,8 @@ def _refuse_others(context: typer.Context) -> None:
 
 def _truth_of(recording: Recording) -> Truth | None:
     """Return the truth for the picture, where it has a path; its faults are found before the work begins."""
+    from palletloc.io.truth import path_file, read_truth
+
     return read_truth(recording.folder) if path_file(recording.folder) else None
 
 
@@ -132,6 +151,12 @@ def _localized(
     how: tuple[bool, bool, bool],
 ) -> Inputs:
     """Localize the pallets of a recording, and take their poses from the file, as a later run would."""
+    from palletloc.cli.localize import Tally, fill
+    from palletloc.io.run_folder import MEASUREMENTS, Run, RunFolder
+    from palletloc.recording_run import read_job
+    from tracking.files import remove_run
+    from tracking.recording import read_measured
+
     strict, resume, verbose = how
     job = read_job(folder, method, parameters)
     run = Run.of(job.recording, str(method), repr(parameters))
@@ -147,6 +172,8 @@ def _localized(
 
 
 def _tracked(inputs: Inputs, config: TrackerConfig, console: Console, *, smooth: bool) -> TrackedRecording:
+    from tracking.recording import track_recording
+
     columns = (TextColumn("Tracking"), BarColumn(), MofNCompleteColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
         bar = progress.add_task("", total=len(inputs.recording.shots))
@@ -162,8 +189,7 @@ def _tracked(inputs: Inputs, config: TrackerConfig, console: Console, *, smooth:
 
 def _picture(run: TrackedRecording, truth: Truth | None) -> bytes:
     from palletloc.drawing.canvas import png  # drawing is slow to import
-    from tracking.deviation import track_deviations
-    from tracking.figure import track_figure
+    from tracking.figure import track_deviations, track_figure
 
     name = run.recording.folder.resolve().name or "a recording"
     return png(track_figure(track_deviations(run, truth), name))
@@ -171,6 +197,8 @@ def _picture(run: TrackedRecording, truth: Truth | None) -> bytes:
 
 def _table(run: TrackedRecording) -> Table:
     """Return the tracks as they were last known."""
+    from tracking.events import EventKind
+
     table = Table(box=box.SIMPLE_HEAD, padding=0, show_edge=False)
     for heading in ("", "model", "state"):
         table.add_column(heading, no_wrap=True)
@@ -190,21 +218,28 @@ def _table(run: TrackedRecording) -> Table:
 
 
 def _pose(row: TrackRow) -> list[str]:
+    import numpy as np
+
     pose, sigma = row.pose, np.sqrt(np.maximum(np.diag(row.covariance), 0.0))
     places = zip((pose.x, pose.y, pose.z), 1000 * sigma[:3], strict=True)
-    cells = [f"{value:.3f} \N{PLUS-MINUS SIGN}{one:.{1 if one < 10 else 0}f}" for value, one in places]
+    cells = [f"{value:.3f} \N{PLUS-MINUS SIGN}{sigma_mm:.{1 if sigma_mm < 10 else 0}f}" for value, sigma_mm in places]
     return [*cells, f"{np.degrees(pose.yaw):.2f} \N{PLUS-MINUS SIGN}{np.degrees(sigma[3]):.2f}"]
 
 
 def _troubles(events: Iterable[Event], number: int) -> str:
     """Return what happened to a track beyond the ordinary."""
+    from tracking.events import EventKind
+
     ordinary = {EventKind.ACCEPTED, EventKind.BORN, EventKind.CONFIRMED, EventKind.LOST}
-    counts = Counter(str(one.kind) for one in events if one.track == number and one.kind not in ordinary)
+    counts = Counter(str(event.kind) for event in events if event.track == number and event.kind not in ordinary)
     return ", ".join(f"{count} {kind}" for kind, count in counts.items())
 
 
 def _tally(inputs: Inputs, run: TrackedRecording) -> str:
     """Return what became of shots and measurements in one line."""
+    from palletloc.track_status import Status
+    from tracking.events import EventKind
+
     fates = Counter(event.kind for event in run.events)
     used = sum(event.kind is EventKind.ACCEPTED and not event.revised for event in run.events)
     counts = [f"{len(inputs.recording.shots)} shots"]

@@ -1,4 +1,4 @@
-"""The command ``palletloc demo``: the whole way on the sample that comes along."""
+"""The whole way on the sample that comes along: what ``palletloc demo`` does."""
 
 from __future__ import annotations
 
@@ -6,10 +6,8 @@ from collections.abc import Sequence
 from importlib.resources import as_file, files
 from pathlib import Path
 from statistics import median
-from typing import Annotated
 
 import numpy as np
-import typer
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -31,20 +29,19 @@ from palletloc.io.atomic import write_text
 from palletloc.io.run_folder import MEASUREMENTS, Run, RunFolder
 from palletloc.io.truth import read_truth
 from palletloc.recording_run import Job, ShotOutcome, read_job, work_through
-from tracking.offline import TrackedRecording, read_measured, track_recording, write_run
+from tracking.recording import TrackedRecording, read_measured, track_recording, write_run
 
 PAGE, PICTURES = "index.html", "pictures"
 """Names of what the demo adds to the files of a run and of its evaluation: the page, and the folder of pictures."""
 
 
-def demo(
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results; made if missing.")] = Path(
-        "palletloc-demo"
-    ),
-) -> None:
-    """Localize, track and evaluate the sample that comes along.
+def run_demo(out: Path) -> None:
+    """Localize, track and evaluate the sample, and write a page about it all.
 
-    Writes what palletloc localize, track, evaluate and explain write, and index.html, which shows and links it all.
+    Parameters
+    ----------
+    out : Path
+        Folder for the results; made if missing.
     """
     console = Console(stderr=True)
     with as_file(files("palletloc") / "sample") as sample:
@@ -71,8 +68,7 @@ def _localize(job: Job, out: Path, sample: Path) -> list[ShotOutcome]:
 
 def _track(job: Job, out: Path) -> TrackedRecording:
     from palletloc.drawing.canvas import png  # drawing is slow to import
-    from tracking.deviation import track_deviations
-    from tracking.figure import track_figure
+    from tracking.figure import track_deviations, track_figure
 
     measured = read_measured(out / MEASUREMENTS, job.recording)
     run = track_recording(job.recording, measured, smooth=True)
@@ -112,7 +108,7 @@ def _report(
         settings=evaluated.settings,
         tracks=tuple({row.track: row for row in tracked.rows}.values()),
         size=(job.recording.camera.width, job.recording.camera.height),
-        seconds_per_shot=median(one.duration for one in outcomes),
+        seconds_per_shot=median(outcome.duration for outcome in outcomes),
         pictures=write_explanation(job, explanation, out / PICTURES),
         explained=explanation.shot.file,
         folder=PICTURES,

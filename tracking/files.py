@@ -15,8 +15,8 @@ from palletloc.io.atomic import cannot_write, write_text
 from palletloc.io.csv_table import Row, format_number, read_rows, write_rows
 from palletloc.io.measurements import format_time
 from palletloc.io.tracks import TRACKS, TrackRow, read_count
-from tracking.answers import TrackState
 from tracking.events import Event, EventKind
+from tracking.track_state import TrackState
 
 PATHS, EVENTS, FIGURE = "tracks", "events.csv", "tracks.png"
 """Names of what a run writes beside tracks.csv: the folder of the paths, what became of every input, a picture."""
@@ -26,6 +26,7 @@ EVENT_COLUMNS = ("time_s", "event", "track", "distance", "limit", "age_s", "wind
 """Header of events.csv."""
 
 _FLAGS = {"no": False, "yes": True}
+"""Words of the column ``revised``."""
 
 
 def track_row(state: TrackState) -> TrackRow:

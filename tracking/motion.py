@@ -2,7 +2,7 @@
 
 A motion is the pose of the later forklift in the frame of the earlier one, (dx, dy, dyaw). Its uncertainty has two
 parts: noise that is new in every instant, and the odometry's constant errors, the wheels' scale and the gyroscope's
-bias, by which every motion of an approach errs alike.
+bias, which are the same for every motion of an approach.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ def chain(motions: Sequence[Motion]) -> Motion:
         return motions[0]
     if not motions:
         return no_motion()
-    steps = np.array([one.increment for one in motions])
+    steps = np.array([motion.increment for motion in motions])
     heading = steps[:, 2].cumsum()
     turn = np.exp(1j * (heading - steps[:, 2]))  # places on the floor are x + iy: this turns them
     ends = (turn * (steps[:, 0] + 1j * steps[:, 1])).cumsum()
@@ -129,11 +129,11 @@ def chain(motions: Sequence[Motion]) -> Motion:
     by_step[:, 0, 0] = by_step[:, 1, 1] = turn.real
     by_step[:, 1, 0], by_step[:, 0, 1] = turn.imag, -turn.imag
     by_step[:, 0, 2], by_step[:, 1, 2], by_step[:, 2, 2] = swing.real, swing.imag, 1.0
-    covariances = by_step @ np.array([one.covariance for one in motions]) @ by_step.transpose(0, 2, 1)
+    covariances = by_step @ np.array([motion.covariance for motion in motions]) @ by_step.transpose(0, 2, 1)
     return Motion(
         np.array([ends[-1].real, ends[-1].imag, heading[-1]]),
         covariances.sum(axis=0),
-        (by_step @ np.array([one.constants for one in motions])).sum(axis=0),
-        sum(one.path for one in motions),
-        sum(one.duration for one in motions),
+        (by_step @ np.array([motion.constants for motion in motions])).sum(axis=0),
+        sum(motion.path for motion in motions),
+        sum(motion.duration for motion in motions),
     )

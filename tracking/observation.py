@@ -13,7 +13,8 @@ import numpy as np
 from palletloc.geometry import BoolArray, FloatArray, LevelPose, wrap_angle
 from palletloc.measurement import PalletMeasurement
 from tracking.config import MeasurementErrors
-from tracking.faults import (
+from tracking.state import COMMON, POSE, SIZE
+from tracking.validation import (
     LARGEST,
     BadInputError,
     beyond_reason,
@@ -22,7 +23,6 @@ from tracking.faults import (
     covariance_faults,
     numbers,
 )
-from tracking.state import COMMON, POSE, SIZE
 
 COMPONENTS = ("x", "y", "z", "yaw")
 """Names of the four numbers of a pallet's pose, in their order."""
@@ -70,10 +70,14 @@ class Observation:
     """(k, 10) derivative of the values by the pallet's state (`tracking.state`)."""
     own: FloatArray
     """(k, k) covariance of the rest, which is new in every measurement."""
+    place_variance: float
+    """Sum of the variances of the first three numbers, in square metres where they are a place."""
+    common_variance: float
+    """Sum of the squares of `common`."""
     place: tuple[float, float, float] | None
-    """About where the pallet is, in metres; None where the measurement does not tell."""
+    """About where the pallet is, in metres; None where the measurement has no place."""
     order: str
-    """Its place among the observations of a shot, whatever order they came in: all that it says."""
+    """Its place among the observations of a shot, whatever order they came in: made of all its numbers."""
     source: PalletMeasurement | PartialMeasurement
     """What it was made of."""
 
@@ -89,7 +93,7 @@ class Observation:
 
 
 class _Given(NamedTuple):
-    """A measurement taken apart."""
+    """The parts of a measurement."""
 
     source: PalletMeasurement | PartialMeasurement
     components: tuple[int, ...]
@@ -132,7 +136,7 @@ def observe(
 
 
 def _given(measurement: PalletMeasurement | PartialMeasurement) -> _Given:
-    """Take a measurement apart; raise where a part has another form."""
+    """Return the parts of a measurement; raise where a part has another form."""
     time = measurement.time
     check_time(time)
     if isinstance(measurement, PalletMeasurement):
@@ -166,8 +170,8 @@ def _observed(
     components: tuple[int, ...], group: Sequence[_Given], errors: MeasurementErrors
 ) -> list[Observation | BadInputError]:
     """Return observations with the same components: all at once."""
-    values = np.array([one.values for one in group]) + 0.0  # no negative zero
-    covariances = np.array([one.covariance for one in group]) + 0.0
+    values = np.array([given.values for given in group]) + 0.0  # no negative zero
+    covariances = np.array([given.covariance for given in group]) + 0.0
     faults = covariance_faults(covariances)
     usable: BoolArray = np.all(np.abs(values) < LARGEST, axis=1)  # false for nan, too
     sound = [i for i, fault in enumerate(faults) if usable[i] and not fault]
@@ -191,35 +195,39 @@ def _ready(
     covariances = errors.inflation * (covariances + covariances.transpose(0, 2, 1)) / 2
     if components[-1] == YAW:
         values[:, -1] = wrap_angle(values[:, -1])
-    given = [one.pose or LevelPose(0.0, 0.0, 0.0, 0.0) for one in group]
+    given = [part.pose or LevelPose(0.0, 0.0, 0.0, 0.0) for part in group]
     poses = np.array([(pose.x, pose.y, pose.z, pose.yaw) for pose in given]) + 0.0
     commons = _commons(covariances, components, poses[:, YAW], errors)
     owns = covariances - commons @ commons.transpose(0, 2, 1)
     by_state = np.zeros((len(group), len(components), SIZE))
-    by_state[:, :, POSE], by_state[:, :, COMMON] = picked(components), commons
-    rows = zip(group, values, covariances, commons, by_state, owns, poses, strict=True)
+    by_state[:, :, POSE], by_state[:, :, COMMON] = _picked(components), commons
+    spreads = np.einsum("nii->ni", covariances)[:, :3].sum(axis=1).tolist()
+    squares = (commons * commons).sum(axis=(1, 2)).tolist()
+    rows = zip(group, values, covariances, commons, by_state, owns, spreads, squares, poses, strict=True)
     return [
         Observation(
-            one.source.time - errors.latency_s,
-            one.source.model,
+            part.source.time - errors.latency_s,
+            part.source.model,
             components,
             value,
             covariance,
             common,
             H,
             own,
-            None if one.pose is None else (one.pose.x, one.pose.y, one.pose.z),
-            _order(one.source.model, components, value, covariance, pose[:0] if one.pose is None else pose),
-            one.source,
+            spread,
+            square,
+            None if part.pose is None else (part.pose.x, part.pose.y, part.pose.z),
+            _order(part.source.model, components, value, covariance, pose[:0] if part.pose is None else pose),
+            part.source,
         )
-        for one, value, covariance, common, H, own, pose in rows
+        for part, value, covariance, common, H, own, spread, square, pose in rows
     ]
 
 
 def _order(model: str, components: tuple[int, ...], values: FloatArray, *others: FloatArray) -> str:
     """Return a text by which observations of a shot are put in order: the nearest ahead first."""
-    said = b"".join(one.tobytes() for one in (values, *others))
-    return f"{model} {components} {values[0] + LARGEST:014.6f} {said.hex()}"
+    content = b"".join([values.tobytes(), *[other.tobytes() for other in others]])
+    return f"{model} {components} {values[0] + LARGEST:014.6f} {content.hex()}"
 
 
 def _commons(
@@ -241,7 +249,7 @@ def _commons(
     large = np.linalg.eigvalsh(errors.max_common_share * turned - np.diag(sigmas**2))[:, 0] < 0
     if large.any():
         roots[large] = _cut(turned[large], sigmas, errors.max_common_share)
-    return np.asarray(axes @ roots @ picked(components))
+    return np.asarray(axes @ roots @ _picked(components))
 
 
 def _cut(covariances: FloatArray, sigmas: FloatArray, most: float) -> FloatArray:
@@ -255,8 +263,32 @@ def _cut(covariances: FloatArray, sigmas: FloatArray, most: float) -> FloatArray
 
 
 @lru_cache(maxsize=16)
-def picked(components: tuple[int, ...]) -> FloatArray:
+def _picked(components: tuple[int, ...]) -> FloatArray:
     """Return the (k, 4) matrix that picks components of a pose."""
     rows = np.eye(4)[list(components)]
     rows.flags.writeable = False
     return rows
+
+
+@dataclass(frozen=True, slots=True)
+class ShotTaken:
+    """A shot: without a measurement of a pallet in it, that pallet was not seen."""
+
+    time: float
+    """When it was exposed, in seconds."""
+
+    def checked(self, latency: float) -> ShotTaken:
+        """Return it with the time of the exposure.
+
+        Parameters
+        ----------
+        latency : float
+            How much later than the exposure it is stamped, in seconds.
+
+        Raises
+        ------
+        BadInputError
+            If its time is not finite.
+        """
+        check_time(self.time)
+        return ShotTaken(self.time - latency)

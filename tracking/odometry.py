@@ -11,8 +11,8 @@ import numpy as np
 
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.trajectory import Trajectory
-from tracking.faults import BadInputError, check_time, check_values, checked_covariance
 from tracking.motion import Motion, Twist, twist_between
+from tracking.validation import BadInputError, check_time, check_values, checked_covariance
 
 ODOM, FORKLIFT = "odom", "forklift"
 """Frames of the contract: where the odometry began, and the vehicle."""
@@ -30,15 +30,15 @@ class Odometry:
     """Rates at that time."""
     covariance: FloatArray | None = None
     """(3, 3) covariance of the noise of (forward, left, turn), in (m/s)^2 and (rad/s)^2, which is new in every
-    sample; None for what `OdometryNoise` says."""
+    sample; None for `OdometryNoise`."""
     frame: str = ODOM
     """Frame of the pose."""
     child_frame: str = FORKLIFT
     """Frame whose pose it is."""
 
     @property
-    def says(self) -> tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]:
-        """All that it says, to be compared with another sample."""
+    def contents(self) -> tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]:
+        """All of its numbers, to be compared with another sample."""
         pose = () if self.pose is None else tuple(self.pose.as_array().tolist())
         twist = () if self.twist is None else (self.twist.forward, self.twist.left, self.twist.turn)
         covariance = () if self.covariance is None else tuple(np.ravel(self.covariance).tolist())
@@ -61,8 +61,8 @@ def check_odometry(sample: Odometry) -> Odometry:
     Raises
     ------
     BadInputError
-        If a number is not finite or beyond all reason, the frames are others, it says nothing, or its covariance is
-        not symmetric positive definite.
+        If a number is not finite or beyond all reason, the frames are others, it has neither pose nor rates, or its
+        covariance is not symmetric positive definite.
     """
     time = sample.time
     check_time(time)
@@ -71,8 +71,8 @@ def check_odometry(sample: Odometry) -> Odometry:
         raise BadInputError("frame", time, f"expected the pose of {FORKLIFT!r} in {ODOM!r}, {got}")
     if sample.pose is None and sample.twist is None:
         raise BadInputError("odometry", time, "expected a pose, rates, or both")
-    check_values("pose", sample.says[0], time)
-    check_values("twist", sample.says[1], time)
+    check_values("pose", sample.contents[0], time)
+    check_values("twist", sample.contents[1], time)
     if sample.covariance is None:
         return sample
     return replace(sample, covariance=checked_covariance(sample.covariance, 3, time))
@@ -173,8 +173,8 @@ class OdometryNoise:
             Time since the sample before, and to the one after, in seconds.
         """
         reach = before * after / 2
-        apart = (self.acceleration_mps2 * reach) ** 2
-        return np.diag([apart, apart, (math.radians(self.turn_acceleration_dps2) * reach) ** 2])
+        place = (self.acceleration_mps2 * reach) ** 2
+        return np.diag([place, place, (math.radians(self.turn_acceleration_dps2) * reach) ** 2])
 
 
 def rates_between(earlier: Odometry, later: Odometry) -> Twist | None:
@@ -193,14 +193,14 @@ def rates_between(earlier: Odometry, later: Odometry) -> Twist | None:
 
 def mean_rates(earlier: Odometry, later: Odometry) -> Twist | None:
     """Return the mean of the rates that two samples state; None where neither does."""
-    known = [one.twist for one in (earlier, later) if one.twist is not None]
+    known = [sample.twist for sample in (earlier, later) if sample.twist is not None]
     if not known:
         return None
     count = len(known)
     return Twist(
-        sum(one.forward for one in known) / count,
-        sum(one.left for one in known) / count,
-        sum(one.turn for one in known) / count,
+        sum(twist.forward for twist in known) / count,
+        sum(twist.left for twist in known) / count,
+        sum(twist.turn for twist in known) / count,
     )
 
 
@@ -226,3 +226,15 @@ def samples_of(trajectory: Trajectory) -> list[Odometry]:
             twist = Twist(float(trajectory.speed[i]), 0.0, float(trajectory.yaw_rate[i]))
         samples.append(Odometry(float(time), LevelPose(float(x), float(y), 0.0, float(yaw)), twist))
     return samples
+
+
+@dataclass(frozen=True, slots=True)
+class PathLimits:
+    """What is believed of odometry."""
+
+    max_speed_mps: float = 10.0
+    """Two poses farther apart than this speed allows are a jump, not a motion."""
+    max_turn_dps: float = 180.0
+    """The same of the yaw, in degrees per second."""
+    max_ahead_s: float = 0.5
+    """How far beyond its first and last sample a motion goes on at the last rates."""

@@ -18,23 +18,68 @@ Filtering and Smoothing, 2013, section 9.1.)
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from palletloc.geometry import FloatArray, LevelPose, wrap_angle
+from tracking.belief import Belief
 from tracking.config import TrackerConfig
-from tracking.filter import PalletFilter
-from tracking.history import Moment
-from tracking.joint import Joint, joint_of, picked, places_of
+from tracking.driven_path import DrivenPath
+from tracking.filter import GroupFilter
 from tracking.observation import YAW
-from tracking.path import DrivenPath
-from tracking.state import POSE, Gaussian
-from tracking.track import Key, Track
+from tracking.state import POSE, Gaussian, Key, TrackGroup, members_of, places_among, places_of
+from tracking.track import Track
 
 LEAST_SHARE = 1e-12
 """Part of the largest variance, in units of standard deviations, below which a direction counts as known exactly."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Moment:
+    """The tracks after one step: a shot, or a motion without one."""
+
+    time: float
+    """Of its end, in seconds."""
+    tracks: Mapping[int, Track]
+    """By their numbers."""
+    groups: tuple[TrackGroup, ...]
+    """What is known of them together."""
+
+
+class History:
+    """Takes up the beliefs whose steps are final, with the numbers that their tracks had."""
+
+    def __init__(self) -> None:
+        self.final: list[Belief] = []
+        """In the order of their times."""
+        self._numbers: dict[Key, int] = {}
+        self._named = 0
+
+    def record_numbers(self, numbers: Mapping[Key, int]) -> None:
+        """Take note of the numbers of tracks in beliefs that have come since."""
+        for belief in self.final[self._named :]:
+            self._numbers |= {track.key: numbers[track.key] for track in belief.tracks}
+        self._named = len(self.final)
+
+    def moments(self, latest: Sequence[Belief], numbers: Mapping[Key, int]) -> tuple[Moment, ...]:
+        """Return all steps; shots that wait for odometry are none.
+
+        Parameters
+        ----------
+        latest : sequence of Belief
+            Those that are not final yet.
+        numbers : mapping
+            Numbers of their tracks.
+        """
+        known = {**self._numbers, **numbers}
+        steps: list[Moment] = []
+        for belief in (step for each in (*self.final, *latest) for step in (*each.via, each)):
+            if belief.time is not None and not (steps and belief.time <= steps[-1].time):
+                tracks = {known[track.key]: track for track in belief.tracks}
+                steps.append(Moment(belief.time, tracks, belief.groups))
+        return tuple(steps)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,10 +131,14 @@ def smoothed(history: Sequence[Moment]) -> tuple[SmoothedMoment, ...]:
         odometry's constants are only allowed for and not estimated, the filter's gain is not the best one, and the
         smoother's covariances are an approximation.
     """
-    chains = [one.joints for one in history]
+    steps = [moment.groups for moment in history]
     known = [
-        {key: state for joint, whole in zip(joints, states, strict=True) for key, state in _members(joint, whole)}
-        for joints, states in zip(chains, smoothed_joints(chains), strict=True)
+        {
+            key: member
+            for group, state in zip(groups, states, strict=True)
+            for key, member in zip(group.keys, members_of(state), strict=True)
+        }
+        for groups, states in zip(steps, smoothed_groups(steps), strict=True)
     ]
     return tuple(
         SmoothedMoment(
@@ -101,10 +150,6 @@ def smoothed(history: Sequence[Moment]) -> tuple[SmoothedMoment, ...]:
         )
         for moment, states in zip(history, known, strict=True)
     )
-
-
-def _members(joint: Joint, state: Gaussian) -> Iterable[tuple[Key, Gaussian]]:
-    return zip(joint.keys, joint_of(joint.keys, state).members, strict=True)
 
 
 def smoothed_at(
@@ -128,7 +173,7 @@ def smoothed_at(
     tuple of SmoothedState
         Of the tracks that live at each time.
     """
-    engine = PalletFilter(config)
+    group_filter = GroupFilter(config)
     steps = [moment.time for moment in moments]
     states: list[SmoothedState] = []
     for time in times:
@@ -136,56 +181,56 @@ def smoothed_at(
         motion = path.extrapolated(steps[before], time) if before >= 0 else None
         if motion is None:
             continue
-        for one in moments[before].states:
-            if one.track.is_too_old(time, config.life):
+        for known in moments[before].states:
+            if known.track.is_too_old(time, config.life):
                 continue
-            state = one.state if motion.duration == 0 else engine.predicted([one.state], motion)[0].state
-            states.append(SmoothedState(time, one.number, one.track, state))
+            state = known.state if motion.duration == 0 else group_filter.predict([known.state], motion)[0]
+            states.append(SmoothedState(time, known.number, known.track, state))
     return tuple(states)
 
 
-def smoothed_joints(steps: Sequence[Sequence[Joint]]) -> list[list[Gaussian]]:
+def smoothed_groups(steps: Sequence[Sequence[TrackGroup]]) -> list[list[Gaussian]]:
     """Smooth what is known of pallets together.
 
     Parameters
     ----------
-    steps : sequence of sequence of Joint
-        The estimates after each step, in order.
+    steps : sequence of sequence of TrackGroup
+        The groups after each step, in order.
 
     Returns
     -------
     list of list of Gaussian
-        One for each of them.
+        One state for each of them.
     """
     found: list[list[Gaussian]] = []
-    later: list[tuple[Joint, Gaussian]] = []
-    for joints in reversed(steps):
-        following = {key: one for one in later for key in one[0].carried}
+    later: list[tuple[TrackGroup, Gaussian]] = []
+    for groups in reversed(steps):
+        following = {key: pair for pair in later for key in pair[0].carried}
         states = []
-        for joint in joints:
-            after = next((following[key] for key in joint.keys if key in following), None)
-            states.append(joint.state if after is None else _back(joint.state, *after))
+        for group in groups:
+            after = next((following[key] for key in group.keys if key in following), None)
+            states.append(group.state if after is None else _back(group.state, *after))
         found.append(states)
-        later = list(zip(joints, states, strict=True))
+        later = list(zip(groups, states, strict=True))
     return found[::-1]
 
 
-def _back(known: Gaussian, later: Joint, smooth: Gaussian) -> Gaussian:
+def _back(known: Gaussian, later: TrackGroup, smooth: Gaussian) -> Gaussian:
     """Return what is known after a step by all that is known after the next one.
 
-    By the pallets that lived on through that, which tell all that was learnt after it.
+    By the pallets that lived on through that, which hold all that was learnt after it.
     """
-    foretold = later.foretold
-    if foretold is None:
+    predicted = later.predicted
+    if predicted is None:
         return known
-    before, now = picked(foretold.keys, later.carried), picked(later.keys, later.carried)
-    expected = Gaussian(foretold.state.mean[before], foretold.state.covariance[np.ix_(before, before)])
-    gain = known.covariance @ foretold.F[before].T @ _inverse(expected.covariance)
-    away = smooth.mean[now] - expected.mean
+    before, now = places_among(predicted.keys, later.carried), later.places(later.carried)
+    expected = Gaussian(predicted.state.mean[before], predicted.state.covariance[np.ix_(before, before)])
+    gain = known.covariance @ predicted.F[before].T @ _inverse(expected.covariance)
+    innovation = smooth.mean[now] - expected.mean
     yaws = places_of(len(later.carried))[:, YAW]
-    away[yaws] = wrap_angle(away[yaws])
-    mean = known.mean + gain @ away
-    yaws = places_of(len(foretold.keys))[:, YAW]
+    innovation[yaws] = wrap_angle(innovation[yaws])
+    mean = known.mean + gain @ innovation
+    yaws = places_of(len(predicted.keys))[:, YAW]
     mean[yaws] = wrap_angle(mean[yaws])
     covariance = known.covariance + gain @ (smooth.covariance[np.ix_(now, now)] - expected.covariance) @ gain.T
     return Gaussian(mean, (covariance + covariance.T) / 2)

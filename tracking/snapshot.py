@@ -1,198 +1,279 @@
 """A tracker's memory as plain values that JSON knows, for a restart without loss.
 
-Kept is what was believed before the window and every input inside it; the steps in between are done again.
+Kept is what was believed before the window and every input inside it; the steps in between are done again. The frozen
+values themselves are walked by their annotations, so their fields are the form of a snapshot.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
-from typing import Any
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, NamedTuple
 
-from pydantic import TypeAdapter, ValidationError
+import numpy as np
 
-from palletloc.errors import PalletLocError
-from tracking.belief import Belief
-from tracking.clock import Clock
+from palletloc.measurement import PalletMeasurement
+from palletloc.track_status import Status
+from tracking.belief import Belief, UpdateModel
 from tracking.config import TrackerConfig
-from tracking.latency_watch import LatencyWatch
-from tracking.naming import Names
-from tracking.news import News
-from tracking.replay import Look, Replay
-from tracking.snapshot_form import (
-    BaseForm,
-    Input,
-    LookForm,
-    NewsForm,
-    SnapshotBase,
-    as_held,
-    as_joint,
-    as_key,
-    as_observations,
-    as_odometry,
-    as_track,
-    plain_held,
-    plain_joint,
-    plain_key,
-    plain_measured,
-    plain_odometry,
-    plain_track,
-)
-from tracking.snapshot_latency import LatencyForm, plain_watch, restore_watch
+from tracking.event_log import EventLog, Outcome, TrackNumbers
+from tracking.latency import TRIALS, LatencyWatch
+from tracking.observation import Observation, PartialMeasurement, ShotTaken, observe
+from tracking.odometry import Odometry, check_odometry
+from tracking.plain_values import SnapshotError, fault, plain_values, shown, value_of
+from tracking.shot_stack import LatencyShot
+from tracking.state import OWN, Gaussian, Key, TrackGroup, size_of
+from tracking.track import Track
+from tracking.validation import BadInputError
+from tracking.window import Clock, Window
 
-VERSION = 2
+VERSION = 3
 """Of the form; another one is refused."""
+LEAST_CORRELATION = -1e-6
+"""Smallest eigenvalue of the correlations of a state: rounding leaves less than that below zero."""
+
+Measured = PalletMeasurement | PartialMeasurement
+"""A measurement."""
+Ready = Odometry | Observation | ShotTaken
+"""An input that was checked."""
 
 
-class SnapshotForm(SnapshotBase):
+@dataclass(frozen=True, slots=True, eq=False)
+class Memory:
     """All that a tracker remembers."""
 
-    latency: LatencyForm
+    version: int
+    """Of this form."""
+    config: TrackerConfig
+    """Parameters."""
+    newest: float | None
+    """Newest time, in seconds; None before any input."""
+    elsewhere: tuple[float, ...]
+    """Times of the last inputs that were not in time."""
+    time: float | None
+    """Of what is believed before the window, in seconds."""
+    tracks: tuple[Track, ...]
+    """The tracks then."""
+    groups: tuple[TrackGroup, ...]
+    """What was known of them together."""
+    ended: tuple[tuple[Key, str], ...]
+    """Tracks that had ended then, and why."""
+    odometry: tuple[Odometry, ...]
+    """Samples of the window, in the order of their times."""
+    shots: tuple[tuple[float, tuple[Measured, ...]], ...]
+    """Times and measurements of its shots."""
+    held: tuple[Odometry | PalletMeasurement | PartialMeasurement | ShotTaken, ...]
+    """Inputs from another time."""
+    numbers: tuple[tuple[Key, int], ...]
+    """Numbers of tracks."""
+    following: int
+    """The next number."""
+    dispositions: tuple[tuple[tuple[float, str], Outcome], ...]
+    """What was reported of the measurements."""
+    statuses: tuple[tuple[int, Status], ...]
+    """What was reported of the tracks."""
+    renewed: tuple[tuple[float, int], ...]
+    """Tracks that were reported to begin anew."""
+    latency_since: int
+    """Shots since the last estimate of the latency."""
+    latency_reported: float | None
+    """The latency that was reported last, in seconds."""
+    latency_shots: tuple[LatencyShot, ...]
+    """Shots for its estimate."""
 
 
-class SnapshotError(PalletLocError):
-    """A snapshot that cannot be restored."""
+class Parts(NamedTuple):
+    """What a tracker consists of."""
+
+    clock: Clock
+    """Its time."""
+    window: Window
+    """Inputs and beliefs."""
+    log: EventLog
+    """What it has reported."""
+    latency: LatencyWatch
+    """What it knows of the camera's latency."""
+    held: list[Ready]
+    """Checked inputs from another time."""
 
 
-def written(
-    config: TrackerConfig, clock: Clock, replay: Replay, news: News, watch: LatencyWatch, held: Sequence[Input]
-) -> dict[str, Any]:
-    """Return a tracker's memory as plain values.
-
-    Parameters
-    ----------
-    config : TrackerConfig
-        Parameters.
-    clock, replay, news, watch
-        What the tracker consists of.
-    held : list of inputs
-        Of another time.
-    """
-    numbers = [(plain_key(key), number) for key, number in news.names.numbers.items()]
-    base = replay.base
-    snapshot = SnapshotForm(
+def written(config: TrackerConfig, parts: Parts) -> dict[str, Any]:
+    """Return a tracker's memory as plain values."""
+    clock, window, log, latency, held = parts
+    base = window.base
+    memory = Memory(
         version=VERSION,
-        config=asdict(config),
+        config=config,
         newest=clock.newest if math.isfinite(clock.newest) else None,
-        elsewhere=clock.elsewhere,
-        base=BaseForm(
-            time=base.time,
-            tracks=[plain_track(track) for track in base.tracks],
-            joints=[plain_joint(joint) for joint in base.joints],
-            ended=[(plain_key(key), reason) for key, reason in base.ended],
-        ),
-        odometry=[plain_odometry(sample) for sample in replay.path],
-        looks=[
-            LookForm(time=look.time, measurements=[plain_measured(one.source) for one in look.observations])
-            for look in replay.looks
-        ],
-        held=[plain_held(one) for one in held],
-        news=NewsForm(
-            numbers=numbers,
-            following=news.names.following,
-            fates=[(time, order, *told) for (time, order), told in news.fates.items()],
-            statuses=list(news.statuses.items()),
-            renewed=sorted(news.renewed),
-        ),
-        latency=plain_watch(watch),
+        elsewhere=tuple(clock.elsewhere),
+        time=base.time,
+        tracks=base.tracks,
+        groups=tuple(TrackGroup(group.keys, group.state) for group in base.groups),
+        ended=base.ended,
+        odometry=tuple(window.path),
+        shots=tuple((shot.time, tuple(each.source for each in shot.observations)) for shot in window.shots),
+        held=tuple(each.source if isinstance(each, Observation) else each for each in held),
+        numbers=tuple(log.numbering.numbers.items()),
+        following=log.numbering.following,
+        dispositions=tuple(log.dispositions.items()),
+        statuses=tuple(log.statuses.items()),
+        renewed=tuple(sorted(log.renewed)),
+        latency_since=latency.since,
+        latency_reported=latency.reported,
+        latency_shots=tuple(latency.shots),
     )
-    return snapshot.model_dump(mode="json")
+    plain: dict[str, Any] = plain_values(memory)
+    return plain
 
 
-def read_config(snapshot: Mapping[str, Any]) -> TrackerConfig:
-    """Return the parameters of a snapshot.
-
-    Raises
-    ------
-    SnapshotError
-        If it is malformed, of another version, or has other parameters than this one knows.
-    """
-    given = _checked(snapshot).config
-    try:
-        config = TypeAdapter(TrackerConfig).validate_python(given)
-    except ValidationError as error:
-        raise _fault(error, "config.") from None
-    if asdict(config) != given:
-        raise SnapshotError("snapshot: config: expected the parameters of this version, and no others")
-    return config
-
-
-def restored(
-    snapshot: Mapping[str, Any],
-    config: TrackerConfig,
-    clock: Clock,
-    replay: Replay,
-    news: News,
-    watch: LatencyWatch,
-) -> list[Input]:
-    """Put a snapshot's memory into a new tracker's parts.
-
-    Returns
-    -------
-    list of inputs
-        Those that are held.
+def restored(memory: Memory, model: UpdateModel) -> Parts:
+    """Return the parts of a tracker with what an earlier one remembered; the steps of the window are done again.
 
     Raises
     ------
     SnapshotError
-        If something in it cannot be used.
+        If an input in it cannot be used, or a track has no number.
     """
-    plain = _checked(snapshot)
-    clock.newest = -math.inf if plain.newest is None else plain.newest
-    clock.elsewhere = list(plain.elsewhere)
-    replay.base = _base(plain.base)
+    clock, log, latency = Clock(model.config.window), EventLog(model.config.life), LatencyWatch(model.config)
+    clock.newest = -math.inf if memory.newest is None else memory.newest
+    clock.elsewhere = list(memory.elsewhere)
+    window = Window(model, Belief(memory.time, memory.tracks, memory.groups, ended=memory.ended))
     try:
-        for sample in plain.odometry:
-            replay.path.put(as_odometry(sample))
-        for look in plain.looks:
-            replay.place(Look(look.time, tuple(as_observations(look.measurements, config))))
-        held = [as_held(one, config) for one in plain.held]
-    except PalletLocError as error:
-        raise SnapshotError(f"snapshot: {error}") from None
-    replay.run()
-    restore_watch(plain.latency, watch)
-    told = plain.news
-    news.names = Names({as_key(key): number for key, number in told.numbers}, told.following)
-    news.fates = {(time, order): (kind, number) for time, order, kind, number in told.fates}
-    news.statuses = dict(told.statuses)
-    news.renewed = set(told.renewed)
-    believed = {track.key for belief in (replay.base, *replay.beliefs) for track in belief.tracks}
-    if not believed <= news.names.numbers.keys():
-        raise SnapshotError("snapshot: news.numbers: expected a number for every track")
-    return held
+        for sample in memory.odometry:
+            window.path.put(check_odometry(sample))
+        for time, measurements in memory.shots:
+            window.place(time)
+            for observation in _observations(measurements, model.config):
+                window.place(time, observation)
+        held = [_ready(given, model.config) for given in memory.held]
+    except BadInputError as error:
+        raise fault("", str(error)) from None
+    window.run()
+    log.numbering = TrackNumbers(dict(memory.numbers), memory.following)
+    log.dispositions, log.statuses = dict(memory.dispositions), dict(memory.statuses)
+    log.renewed = set(memory.renewed)
+    latency.since, latency.reported, latency.shots = (
+        memory.latency_since,
+        memory.latency_reported,
+        list(memory.latency_shots),
+    )
+    believed = {track.key for belief in (window.base, *window.beliefs) for track in belief.tracks}
+    if not believed <= log.numbering.numbers.keys():
+        raise fault("numbers", "expected a number for every track")
+    return Parts(clock, window, log, latency, held)
 
 
-def _base(plain: BaseForm) -> Belief:
-    """Return what was believed before the window."""
+def _observations(measurements: Sequence[Measured], config: TrackerConfig) -> tuple[Observation, ...]:
+    """Return measurements ready for the filter, in their order."""
+    found = observe(measurements, config.errors)
+    for each in found:
+        if isinstance(each, BadInputError):
+            raise each
+    ready = [each for each in found if isinstance(each, Observation)]
+    return tuple(sorted(ready, key=lambda observation: observation.order))
+
+
+def _ready(given: Odometry | Measured | ShotTaken, config: TrackerConfig) -> Ready:
+    if isinstance(given, Odometry):
+        return check_odometry(given)
+    return given if isinstance(given, ShotTaken) else _observations([given], config)[0]
+
+
+def read_memory(snapshot: Mapping[str, Any]) -> Memory:
+    """Return the memory that a snapshot holds.
+
+    Raises
+    ------
+    SnapshotError
+        If it is malformed, of another version, has other parameters than this one knows, or states what no tracker
+        can have believed; names the place.
+    """
     try:
-        joints = tuple(as_joint(joint) for joint in plain.joints)
-    except ValueError as error:
-        raise SnapshotError(f"snapshot: base.joints: {error}") from None
-    known = [(key, state) for joint in joints for key, state in zip(joint.keys, joint.members, strict=True)]
-    keys = [as_key(track.key) for track in plain.tracks]
-    if sorted(key for key, _ in known) != sorted(keys):
-        raise SnapshotError("snapshot: base.joints: expected every track in one of them")
-    states = dict(known)
-    tracks = tuple(as_track(track, states[key]) for key, track in zip(keys, plain.tracks, strict=True))
-    ended = tuple((as_key(key), reason) for key, reason in plain.ended)
-    return Belief(plain.time, tracks, joints, ended=ended)
-
-
-def _checked(snapshot: Mapping[str, Any]) -> SnapshotForm:
-    try:
-        version = dict(snapshot).get("version")
+        plain = dict(snapshot)
     except (TypeError, ValueError):
         raise SnapshotError(f"snapshot: expected a mapping, got {type(snapshot).__name__}") from None
-    if version != VERSION:
-        raise SnapshotError(f"snapshot: version: expected {VERSION}, got {version!r}")
-    try:
-        return SnapshotForm.model_validate(dict(snapshot))
-    except ValidationError as error:
-        raise _fault(error) from None
+    version = plain.get("version")
+    if type(version) is not int or version != VERSION:
+        raise SnapshotError(f"snapshot: version: expected {VERSION}, got {shown(version)}")
+    memory: Memory = value_of(Memory, plain, "")
+    _check_belief(memory)
+    _check_times(memory)
+    for i, shot in enumerate(memory.latency_shots):
+        _check_latency_shot(shot, f"latency_shots.{i}")
+    return memory
 
 
-def _fault(error: ValidationError, inside: str = "") -> SnapshotError:
-    first = error.errors(include_url=False)[0]
-    place = ".".join(str(step) for step in first["loc"])
-    return SnapshotError(f"snapshot: {inside}{place}: {first['msg']}")
+def _check_belief(memory: Memory) -> None:
+    """Raise where what was believed before the window does not fit together."""
+    keys = [key for group in memory.groups for key in group.keys]
+    if sorted(keys) != sorted(track.key for track in memory.tracks):
+        raise fault("groups", "expected every track in one of them")
+    known: dict[Key, Gaussian] = {}
+    for i, group in enumerate(memory.groups):
+        if not group.keys:
+            raise fault(f"groups.{i}.keys", "expected at least one track")
+        _check_state(group.state, len(group.keys), f"groups.{i}.state")
+        if group.predicted is not None or group.carried:
+            raise fault(f"groups.{i}.predicted", "expected none, for the prediction is past")
+        known |= group.members
+    for i, track in enumerate(memory.tracks):
+        _check_state(track.state, 1, f"tracks.{i}.state")
+        if not _own_part_agrees(track.state, known[track.key]):
+            raise fault(f"tracks.{i}.state", "expected what its group knows of the pallet")
+        if track.rival is not None:
+            _check_state(track.rival.state, 1, f"tracks.{i}.rival.state")
+
+
+def _check_times(memory: Memory) -> None:
+    """Raise where times do not fit to each other, or numbers of tracks to the next one."""
+    horizon = -math.inf if memory.newest is None else memory.newest - memory.config.window.window_s
+    if memory.tracks and memory.time is None:
+        raise fault("time", "expected a time, for there are tracks")
+    if memory.time is not None and not memory.time <= horizon:
+        raise fault("time", f"expected one before the window, which begins at {horizon:.6g} s, got {memory.time:.6g}")
+    shots, samples = [time for time, _ in memory.shots], [sample.time for sample in memory.odometry]
+    for name, times in (("shots", shots), ("odometry", samples)):
+        if any(not earlier < later for earlier, later in pairwise(times)):
+            raise fault(name, "expected them in the order of their times")
+        if times and (memory.newest is None or times[-1] > memory.newest):
+            raise fault(name, f"expected none after the newest time, {memory.newest}")
+    if shots and memory.time is not None and shots[0] <= memory.time:
+        raise fault("shots", f"expected them after what is believed before them, at {memory.time:.6g} s")
+    numbers = [number for _, number in memory.numbers]
+    if min(numbers, default=1) < 1 or memory.following <= max(numbers, default=0):
+        raise fault("following", f"expected more than all numbers, which are positive, got {memory.following}")
+
+
+def _own_part_agrees(state: Gaussian, member: Gaussian) -> bool:
+    """Tell whether two states agree in all but the odometry's constants: those a new track gets from its group."""
+    own = np.ix_(OWN, OWN)
+    means_agree = np.array_equal(state.mean[OWN], member.mean[OWN])
+    return means_agree and np.array_equal(state.covariance[own], member.covariance[own])
+
+
+def _check_state(state: Gaussian, count: int, place: str) -> None:
+    """Raise where a state is not one of so many pallets, or its covariance is none."""
+    size = size_of(count)
+    if state.mean.shape != (size,) or state.covariance.shape != (size, size):
+        raise fault(place, f"expected {size} numbers and their covariance for {count} tracks")
+    variances = state.covariance.diagonal()
+    scale = np.sqrt(np.where(variances > 0, variances, 1.0))
+    correlations = state.covariance / scale / scale[:, None]
+    if not np.array_equal(state.covariance, state.covariance.T):
+        raise fault(f"{place}.covariance", "expected a symmetric matrix")
+    if variances.min() < 0 or np.linalg.eigvalsh(correlations)[0] < LEAST_CORRELATION:
+        raise fault(f"{place}.covariance", "expected a positive semidefinite matrix")
+
+
+def _check_latency_shot(shot: LatencyShot, place: str) -> None:
+    """Raise where arrays have other shapes than the estimate of the latency takes."""
+    motion = shot.motion
+    shapes = [(motion.increment, (3,)), (motion.covariance, (3, 3)), (motion.constants, (3, 2))]
+    shapes += [(shot.around, (TRIALS, 3)), (shot.jitter, (3, 3))]
+    for sighting in (*shot.sightings, *shot.rejected):
+        shapes += [(sighting.pose, (3,)), (sighting.own, (3, 3)), (sighting.common, (3, 4))]
+    for array, shape in shapes:
+        if array.shape != shape:
+            raise fault(place, f"expected an array of shape {shape}, got {array.shape}")

@@ -1,24 +1,14 @@
-"""A pallet that is followed: what is known of it, and how much it is believed."""
+"""A pallet that the tracker follows: what is known of it, and how much it is believed."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.track_status import Status
 from tracking.config import LifeConfig
-from tracking.state import POSE, Gaussian
-
-
-class Key(NamedTuple):
-    """Names a track by its first measurement, whatever order the inputs came in."""
-
-    time: float
-    """When that was, in seconds."""
-    birth: str
-    """That measurement's `Observation.order`."""
+from tracking.state import POSE, Gaussian, Key
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,7 +25,7 @@ class Rival:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Track:
-    """A pallet at the time of a shot; a value that is never changed."""
+    """A pallet at the time of a shot; a value that never changes."""
 
     key: Key
     """Its name."""
@@ -51,10 +41,10 @@ class Track:
     """Shots in a row without one."""
     confirmed: bool = False
     """Whether it was seen often enough to be believed."""
-    nis: float = float("nan")
-    """Normalised innovation squared of its last measurement."""
+    nis: float | None = None
+    """Normalised innovation squared of its last measurement; None where none followed the first."""
     ratios: tuple[float, ...] = ()
-    """The last ones over their degrees of freedom."""
+    """The last ones over their degrees of freedom, each times the factor that the covariance had."""
     rival: Rival | None = None
     """What contradicts it."""
 
@@ -68,8 +58,8 @@ class Track:
         """(4, 4) covariance of (x, y, z, yaw), in metres and radians."""
         return self.state.covariance[POSE, POSE]
 
-    def carried(self, state: Gaussian) -> Track:
-        """Return the track in another state; written out, for it is done for every track at every shot."""
+    def moved(self, state: Gaussian) -> Track:
+        """Return the track in another state; written out, for every shot does it for every track."""
         return Track(
             self.key,
             self.model,

@@ -9,29 +9,24 @@ from typing import Any
 from palletloc.geometry import LevelPose
 from palletloc.measurement import PalletMeasurement
 from palletloc.pallet import PalletModel
-from tracking.answers import TrackState, states_at
-from tracking.belief import Belief, Rules
-from tracking.clock import Clock
+from tracking.association import Footprints
+from tracking.belief import Belief, UpdateModel
 from tracking.config import TrackerConfig
+from tracking.event_log import EventLog
 from tracking.events import Event, EventKind
-from tracking.faults import BadInputError, UnknownTrackError
-from tracking.filter import PalletFilter
-from tracking.footprint import Footprints
-from tracking.history import History, Moment
-from tracking.latency import LatencyEstimate
-from tracking.latency_watch import LatencyWatch
-from tracking.news import News
-from tracking.observation import Observation, PartialMeasurement, observe
+from tracking.filter import GroupFilter
+from tracking.latency import LatencyEstimate, LatencyWatch
+from tracking.observation import Observation, PartialMeasurement, ShotTaken, observe
 from tracking.odometry import Odometry, check_odometry
 from tracking.odometry_errors import OdometryErrors, odometry_errors
-from tracking.replay import Look, Replay
-from tracking.shot_taken import ShotTaken
-from tracking.snapshot import read_config, restored, written
+from tracking.smoother import History, Moment
+from tracking.snapshot import Parts, Ready, read_memory, restored, written
+from tracking.track_state import TrackState, states_at
+from tracking.validation import BadInputError, UnknownTrackError
+from tracking.window import Clock, Window
 
 Input = Odometry | PalletMeasurement | PartialMeasurement | ShotTaken
 """What a tracker takes."""
-Ready = Odometry | Observation | ShotTaken
-"""An input that was checked."""
 
 
 class PalletTracker:
@@ -75,11 +70,11 @@ class PalletTracker:
         keep_history: bool = False,
     ) -> None:
         self.config = config or TrackerConfig()
-        self._rules = Rules(self.config, PalletFilter(self.config), Footprints(models))
+        self._model = UpdateModel(self.config, GroupFilter(self.config), Footprints(models))
         self._clock = Clock(self.config.window)
         self._history = History() if keep_history else None
-        self._replay = self._new_replay()
-        self._news = News(self.config.life)
+        self._window = self._new_window()
+        self._log = EventLog(self.config.life)
         self._latency = LatencyWatch(self.config)
         self._held: list[Ready] = []
         """Inputs from another time, until it is clear whether that is the present."""
@@ -96,7 +91,7 @@ class PalletTracker:
         ----------
         given : Odometry, PalletMeasurement, PartialMeasurement, ShotTaken, or several of them
             In any order of time inside the window. A shot in which nothing was found is worth a `ShotTaken`, too:
-            it says that no pallet was seen.
+            no pallet was seen then.
 
         Returns
         -------
@@ -111,9 +106,9 @@ class PalletTracker:
         if isinstance(given, Input):
             return self._push((given,))
         inputs = tuple(given)
-        for one in inputs:
-            if not isinstance(one, Input):
-                raise TypeError(f"expected odometry or a measurement, got {type(one).__name__}")
+        for each in inputs:
+            if not isinstance(each, Input):
+                raise TypeError(f"expected odometry or a measurement, got {type(each).__name__}")
         return self._push(inputs)
 
     def state(self, track: int, at: float | None = None) -> TrackState:
@@ -136,10 +131,10 @@ class PalletTracker:
         UnknownTrackError
             If there is no such track, or it is not known so long ago.
         """
-        for one in self.tracks(at):
-            if one.track == track:
-                return one
-        known = ", ".join(str(one.track) for one in self.tracks()) or "none"
+        for state in self.tracks(at):
+            if state.track == track:
+                return state
+        known = ", ".join(str(state.track) for state in self.tracks()) or "none"
         when = "" if at is None else f" at {at:.6g} s"
         raise UnknownTrackError(f"track {track}{when}: expected one that lives then; now live: {known}")
 
@@ -166,12 +161,12 @@ class PalletTracker:
             return ()
         if not math.isfinite(time):
             raise UnknownTrackError(f"tracks at {time!r} s: expected a finite time")
-        belief = self._replay.belief_at(time)
+        belief = self._window.belief_at(time)
         if belief.time is None:
             return ()
         if time < belief.time:
             raise UnknownTrackError(f"tracks at {time:.6g} s: expected a time from {belief.time:.6g} s on")
-        return states_at(time, belief, self._replay.path, self._news.names.numbers, self._rules)
+        return states_at(time, belief, self._window.path, self._log.numbering.numbers, self._model)
 
     def odom_from_forklift(self, at: float) -> LevelPose | None:
         """Return where the forklift was by its odometry.
@@ -186,7 +181,7 @@ class PalletTracker:
         LevelPose or None
             None where odometry does not reach that time, or its samples have no poses.
         """
-        path = self._replay.path
+        path = self._window.path
         return path.pose_at(at) if path.reaches(at) else None
 
     def history(self) -> tuple[Moment, ...]:
@@ -199,20 +194,20 @@ class PalletTracker:
         """
         if self._history is None:
             raise ValueError("the tracker was made without keep_history=True")
-        return self._history.moments(self._replay.beliefs, self._news.names.numbers)
+        return self._history.moments(self._window.beliefs, self._log.numbering.numbers)
 
-    def _new_replay(self) -> Replay:
-        return Replay(self._rules, Belief(), None if self._history is None else self._history.final)
+    def _new_window(self) -> Window:
+        return Window(self._model, Belief(), None if self._history is None else self._history.final)
 
     def latency(self) -> LatencyEstimate:
-        """Return how much later than their exposure shots are stamped, as the last half minute tells.
+        """Return how much later than their exposure shots are stamped, by those of the last half minute.
 
-        Shots count from when they are older than the window. An event says when a latency shows or changes.
+        Shots count once they are older than the window. An event reports a latency that is significant or changes.
 
         Returns
         -------
         LatencyEstimate
-            Beyond what `MeasurementErrors.latency_s` says already; not observable where speed did not vary.
+            Beyond `MeasurementErrors.latency_s`; not observable where speed did not vary.
         """
         return self._latency.estimate()
 
@@ -224,14 +219,15 @@ class PalletTracker:
         OdometryErrors
             Wheel scale and gyro bias with their covariance; with a track's end goes what it knew.
         """
-        return odometry_errors([track.state for track in self._replay.current.tracks], self.config)
+        return odometry_errors([track.state for track in self._window.current.tracks], self.config)
 
     def snapshot(self) -> dict[str, Any]:
         """Return all that it knows as plain values that JSON knows, with its parameters.
 
         What is inside the window is kept as it came: `restore` does those steps again.
         """
-        return written(self.config, self._clock, self._replay, self._news, self._latency, self._held)
+        parts = Parts(self._clock, self._window, self._log, self._latency, self._held)
+        return written(self.config, parts)
 
     @classmethod
     def restore(cls, snapshot: Mapping[str, Any], models: Iterable[PalletModel] | None = None) -> PalletTracker:
@@ -249,45 +245,50 @@ class PalletTracker:
         SnapshotError
             If it is malformed or of another version.
         """
-        tracker = cls(read_config(snapshot), models)
-        parts = tracker._clock, tracker._replay, tracker._news, tracker._latency
-        tracker._held = restored(snapshot, tracker.config, *parts)
+        memory = read_memory(snapshot)
+        tracker = cls(memory.config, models)
+        tracker._clock, tracker._window, tracker._log, tracker._latency, tracker._held = restored(
+            memory, tracker._model
+        )
         return tracker
 
     def _push(self, inputs: Sequence[Input]) -> list[Event]:
         """Take inputs that come together: their steps are done once."""
         events: list[Event] = []
         changed = math.inf
-        for one, ready in zip(inputs, self._checked(inputs), strict=True):
-            fates, since = self._taken(one, ready)
-            events += fates
+        for given, ready in zip(inputs, self._checked(inputs), strict=True):
+            taken, since = self._taken(given, ready)
+            events += taken
             changed = min(changed, since)
-        first = self._replay.run(changed)
-        events += self._news.of_steps(self._replay, first)
-        events += self._news.of_lives(self._replay, self._clock.newest)
-        events += self._latency.of_final(self._replay, self._clock.horizon)
-        final = self._replay.forget_before(self._clock.horizon)
+        first = self._window.run(changed)
+        events += self._log.of_steps(self._window, first)
+        events += self._log.of_lives(self._window, self._clock.newest)
+        events += self._latency.of_final(self._window, self._clock.horizon)
+        final = self._window.forget_before(self._clock.horizon)
         if self._history is not None:
-            self._history.name(self._news.names.numbers)
-        return events + self._news.of_final(self._replay, final)
+            self._history.record_numbers(self._log.numbering.numbers)
+        return events + self._log.of_final(self._window, final)
 
     def _taken(self, given: Input, ready: Ready | BadInputError) -> tuple[list[Event], float]:
         """Return what became of an input, and from when on steps have to be done again."""
         if isinstance(ready, BadInputError):
             return [Event(EventKind.REJECTED, given.time, reason=str(ready))], math.inf
-        lateness = self._clock.judge(ready.time)
-        self._held = self._held[-lateness.follows :] if lateness.follows else []
-        if not lateness.in_time:
+        arrival = self._clock.judge(ready.time)
+        self._held = self._held[-arrival.follows :] if arrival.follows else []
+        if not arrival.in_time:
             self._held = [*self._held, ready][-self.config.window.restart_inputs :]
-            kind = EventKind.TIME_JUMP if lateness.jumped else EventKind.TOO_LATE
+            kind = EventKind.TIME_JUMP if arrival.jumped else EventKind.TOO_LATE
             window = self.config.window.window_s
-            return [Event(kind, ready.time, age=lateness.age, window=window)], math.inf
-        events = self._restarted(ready.time) if lateness.restarted else []
+            return [Event(kind, ready.time, age=arrival.age, window=window)], math.inf
+        events = self._restarted(ready.time) if arrival.restarted else []
         since = math.inf
-        for one in (*self._held, ready):
-            if self._clock.horizon <= one.time <= self._clock.newest:
-                fates, changed = self._take_odometry(one) if isinstance(one, Odometry) else self._take_look(one)
-                events += fates
+        for usable in (*self._held, ready):
+            if self._clock.horizon <= usable.time <= self._clock.newest:
+                if isinstance(usable, Odometry):
+                    taken, changed = self._take_odometry(usable)
+                else:
+                    taken, changed = self._take_shot(usable), math.inf
+                events += taken
                 since = min(since, changed)
         self._held = []
         return events, since
@@ -312,15 +313,15 @@ class PalletTracker:
         return [found[number] for number in range(len(inputs))]
 
     def _check_model(self, given: PalletMeasurement | PartialMeasurement) -> None:
-        if not self._rules.footprints.accepts(given.model):
-            names = ", ".join(self._rules.footprints.names)
+        if not self._model.footprints.accepts(given.model):
+            names = ", ".join(self._model.footprints.names)
             raise BadInputError("model", given.time, f"expected one of {names}, got {given.model!r}")
 
     def _take_odometry(self, sample: Odometry) -> tuple[list[Event], float]:
-        path = self._replay.path
+        path = self._window.path
         present = path.find(sample.time)
-        if present is not None and present.says >= sample.says:
-            reason = "" if present.says == sample.says else "another sample of the same time was kept"
+        if present is not None and present.contents >= sample.contents:
+            reason = "" if present.contents == sample.contents else "another sample of the same time was kept"
             return [Event(EventKind.DUPLICATE, sample.time, reason=reason)], math.inf
         changed = path.put(sample)
         events = [Event(EventKind.ACCEPTED, sample.time)]
@@ -328,19 +329,14 @@ class PalletTracker:
             events.append(Event(EventKind.RESET, sample.time, reason="the odometry's pose jumped"))
         return events, math.nextafter(changed, math.inf)
 
-    def _take_look(self, given: Observation | ShotTaken) -> tuple[list[Event], float]:
-        look = self._replay.look_at(given.time)
+    def _take_shot(self, given: Observation | ShotTaken) -> list[Event]:
         if isinstance(given, ShotTaken):
-            if look is None:
-                self._replay.place(Look(given.time))
-            return [Event(EventKind.ACCEPTED, given.time)], math.inf
-        if look is not None and look.holds(given):
-            return [Event(EventKind.DUPLICATE, given.time)], math.inf
-        self._replay.place((look or Look(given.time)).plus(given))
-        return [], math.inf
+            self._window.place(given.time)
+            return [Event(EventKind.ACCEPTED, given.time)]
+        return [] if self._window.place(given.time, given) else [Event(EventKind.DUPLICATE, given.time)]
 
     def _restarted(self, time: float) -> list[Event]:
         """Forget everything but the numbers given so far."""
-        self._replay = self._new_replay()
+        self._window = self._new_window()
         self._latency = LatencyWatch(self.config)
-        return self._news.of_restart(time)
+        return self._log.of_restart(time)

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from scipy.stats import norm
 
-from calibration.check.mounting import MountingCheck
+from calibration.check.mounting import MountingCheck, measure_turn
 from calibration.findings import Finding, Severity, exit_code
 from calibration.shelf.plane import CHANCE
 from palletloc.io.camera_spec import angles_from_transform
+from palletloc.io.recording import read_recording
 
 _SURE = 2.0
+"""A turn fails from so many standard deviations on: 5 % of right mountings come near, the tolerance keeps them."""
 _OPEN_DEG = 0.3
+"""An axis known to no better is open, in degrees: twice the usual tolerance."""
 _YAW_TOLERANCE_DEG, _YAW_SURE = 0.5, 3.0
+"""Yaw that fails, in degrees and standard deviations: odometry tells it less well than gravity tells tilt."""
 _HEIGHT_TOLERANCE, _HEIGHT_SURE = 0.015, 3.0
+"""Height that fails, in metres and standard deviations: levels are stated to a centimetre."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,6 +40,33 @@ class CheckAssessment:
     def exit_code(self) -> int:
         """0 pass, 1 fail, 3 degenerate."""
         return exit_code(self.findings)
+
+
+def check_mounting(
+    folder: Path, tolerance_deg: float = 0.15, on_progress: Callable[[str], None] = lambda _: None
+) -> CheckAssessment:
+    """Check the mounting that a recording states.
+
+    Parameters
+    ----------
+    folder : Path
+        The recording.
+    tolerance_deg : float
+        How far the camera may be turned about x or y, in degrees: 0.15 are 5 mm on the floor below.
+    on_progress : callable
+        Is told what is done next.
+
+    Returns
+    -------
+    CheckAssessment
+        With the findings; `check_page` shows it.
+
+    Raises
+    ------
+    PalletLocError
+        If a file is missing or wrong.
+    """
+    return assess_check(measure_turn(read_recording(folder), on_progress), float(np.radians(tolerance_deg)))
 
 
 def assess_check(check: MountingCheck, tolerance: float) -> CheckAssessment:

@@ -12,25 +12,33 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.check.robust_fit import robust_fit
+from calibration.check.tilt_sources import fit_with_prior
 from calibration.shelf.gravity_lines import Tilt
 from calibration.shelf.line_segments import Segments
 from palletloc.geometry import FloatArray, wrap_angle
 from palletloc.shelf import ShelfPlane
 
 _FARTHEST = 8.0
+"""Lines farther on the floor, in metres, are seen too flatly."""
 _CLEAR = 0.15
+"""How far before the front a line must lie, in metres: behind may be a load."""
 _LEAST_DEPRESSION = float(np.radians(8.0))
+"""Segments nearer to the horizon, in radians, may stand on anything."""
 _WINDOW = float(np.radians(1.2))
+"""Lines that point by less off the shelf, or square to it, in radians, count: marks of tyres point anywhere."""
 _SAME_TURN, _SAME_PLACE, _LEAST_SIGHTS = float(np.radians(1.5)), 0.12, 3
+"""Segments are one line within this turn and this place, in radians and metres, if as many shots see it."""
 _BUILT, _SQUARE, _EVEN = (float(np.radians(angle)) for angle in (0.4, 0.2, 0.1))
+"""One standard deviation of a line's heading, of both kinds against each other, and of the floor's level, in
+radians."""
 _FAINT = 1e-3
 """Information that keeps unknowns of which nothing is told where they are, in per square radian."""
 _TOLD = 1 / float(np.radians(2.0)) ** 2
+"""An axis that is known to 2 degrees is told, in per square radian; the floor says nothing of others."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FloorSights:
+class FloorSegments:
     """Segments on the floor; one row for each."""
 
     normals: FloatArray
@@ -49,7 +57,9 @@ class FloorSights:
     """(n,) in which shot it is seen."""
 
 
-def floor_sights(shots: Sequence[Segments], poses: FloatArray, center: FloatArray, front: ShelfPlane) -> FloorSights:
+def floor_segments(
+    shots: Sequence[Segments], poses: FloatArray, center: FloatArray, front: ShelfPlane
+) -> FloorSegments:
     """Cut segments with the floor and keep those that may lie on it.
 
     Parameters
@@ -69,9 +79,9 @@ def floor_sights(shots: Sequence[Segments], poses: FloatArray, center: FloatArra
         for i, (segments, pose) in enumerate(zip(shots, poses, strict=True))
     ]
     if not parts:
-        return FloorSights(np.zeros((0, 3)), *(np.zeros(0) for _ in range(6)))
+        return FloorSegments(np.zeros((0, 3)), *(np.zeros(0) for _ in range(6)))
     joined = [np.concatenate(columns) for columns in zip(*parts, strict=True)]
-    return FloorSights(*joined)
+    return FloorSegments(*joined)
 
 
 def _on_floor(
@@ -111,12 +121,12 @@ def _on_floor(
     )
 
 
-def floor_tilt(sights: FloorSights) -> Tilt | None:
+def floor_tilt(sights: FloorSegments) -> Tilt | None:
     """Return the tilt that lets lines on the floor run along the shelf and square to it.
 
     Parameters
     ----------
-    sights : FloorSights
+    sights : FloorSegments
         Of all shots.
 
     Returns
@@ -148,7 +158,7 @@ def floor_tilt(sights: FloorSights) -> Tilt | None:
     priors = [0.0, 0.0, *np.full(2, _SQUARE**-2), *np.full(lines, _BUILT**-2), *np.full(lines, _EVEN**-2)]
     values = -(normals[:, 0] * cos + normals[:, 1] * sin)
     return _told(
-        *robust_fit(design, values, sights.sigma[used], np.diag(priors) + _FAINT * np.eye(len(priors))), len(used)
+        *fit_with_prior(design, values, sights.sigma[used], np.diag(priors) + _FAINT * np.eye(len(priors))), len(used)
     )
 
 
@@ -164,7 +174,7 @@ def _told(solution: FloatArray, normal: FloatArray, segments: int) -> Tilt | Non
     return Tilt(known @ (known.T @ solution[:2]), (known * values[told]) @ known.T, segments)
 
 
-def _same_lines(sights: FloorSights) -> NDArray[np.intp]:
+def _same_lines(sights: FloorSegments) -> NDArray[np.intp]:
     """Return which line each segment shows; -1 where fewer than three shots show it at one place.
 
     Both borders of a painted line are one: what is wrong with its direction they have in common.

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from calibration.check.floor_lines import floor_sights, floor_tilt
-from calibration.check.pallet_heights import HeightEstimate, height_estimate, see_heights
+from calibration.check.floor_lines import floor_segments, floor_tilt
+from calibration.check.pallet_heights import HeightEstimate, height_estimate, measure_elevations
 from calibration.check.tilt_sources import (
     FLOOR,
     LEVELS,
@@ -21,20 +21,27 @@ from calibration.check.tilt_sources import (
     fused_tilt,
 )
 from calibration.shelf.gravity_lines import Tilt, level_direction, level_tilt, vertical_tilt
+from calibration.shelf.landmarks import usable_shots
 from calibration.shelf.line_segments import Segments, find_segments
 from calibration.shelf.problem import solve
-from calibration.shelf.shots import usable_shots
 from calibration.shelf.survey import ShelfSurvey, survey_shelf
 from palletloc.geometry import FloatArray
 from palletloc.io.recording import Recording
 
 _MOST_SHOTS = 8
+"""Shots whose edges are looked for: more take time and show the same edges."""
 _AROUND = np.radians([0.0, 60.0, 120.0, 180.0, 240.0, 300.0])
+"""Where patches look for upright edges, in radians: 60 degrees each, all around."""
 _DOWN = -0.1
+"""Height of their direction: uprights reach farther below the camera than above."""
 _FLOOR_AROUND = np.radians([0.0, 90.0, 180.0, 270.0])
+"""Where patches look for lines on the floor, in radians: 45 degrees down, four are enough."""
 _FLOOR_DOWN = -1.0
+"""Height of their direction."""
 _YAW_PRIOR = float(np.radians(3.0))
+"""How far the yaw may be off, one standard deviation, in radians: what a bent bracket does."""
 _YAW_AXIS = 2
+"""Its place among the unknowns."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,7 +96,7 @@ class MountingCheck:
         return _turned(self.recording.forklift_from_camera, turn)
 
 
-def check_mounting(recording: Recording, on_progress: Callable[[str], None] = lambda _: None) -> MountingCheck:
+def measure_turn(recording: Recording, on_progress: Callable[[str], None] = lambda _: None) -> MountingCheck:
     """Look for a turn of the camera.
 
     Parameters
@@ -117,7 +124,7 @@ def check_mounting(recording: Recording, on_progress: Callable[[str], None] = la
         replace(recording, forklift_from_camera=corrected), recording.shelf, on_progress=on_progress
     )
     on_progress("comparing the heights of pallets")
-    heights = see_heights(survey)
+    heights = measure_elevations(survey)
     estimate = None if heights is None else height_estimate(heights, float(corrected.translation[2]))
     on_progress("looking for lines on the floor")
     rest = {
@@ -146,6 +153,7 @@ _WHY = {
     FLOOR: "no line on the floor, along the shelf or square to it, is seen in three shots",
     PALLETS: "fewer than six sights of pallets",
 }
+"""Why a source says nothing."""
 
 
 def _height(estimate: HeightEstimate | None, turn: FloatArray, covariance: FloatArray) -> tuple[float, float] | None:
@@ -177,7 +185,7 @@ def _floor(survey: ShelfSurvey, spread: Sequence[int]) -> Tilt | None:
         image = recording.image(recording.shots[survey.shots[i]], gray=True)
         found.append(find_segments(recording.camera, recording.mounting, image, ahead))
     poses = survey.solution.poses[list(spread)]
-    return floor_tilt(floor_sights(found, poses, recording.mounting.center, survey.plane))
+    return floor_tilt(floor_segments(found, poses, recording.mounting.center, survey.plane))
 
 
 def _turned(forklift_from_camera: RigidTransform, turn: FloatArray) -> RigidTransform:
@@ -208,29 +216,19 @@ def _yaws(survey: ShelfSurvey) -> tuple[tuple[float, float] | None, tuple[NamedY
         PALLETS: replace(survey.observed, edges=()),
         "uprights": replace(survey.observed, pallets=(), pallet_of=np.zeros(0, np.intp)),
     }
-    seen = seen_yaw(survey)
+    seen = _seen_yaw(survey)
     yaws = []
     for name, observed in kinds.items():
-        turned = seen_yaw(replace(survey, observed=observed)) if observed.pallets or observed.edges else None
+        turned = _seen_yaw(replace(survey, observed=observed)) if observed.pallets or observed.edges else None
         if turned is not None:
             yaws.append(NamedYaw(name, -turned[0], turned[1]))
     return (None if seen is None else (-seen[0], seen[1])), tuple(yaws)
 
 
-def seen_yaw(survey: ShelfSurvey) -> tuple[float, float] | None:
-    """Return by how much all is seen turned about the upright axis, and its standard deviation.
+def _seen_yaw(survey: ShelfSurvey) -> tuple[float, float] | None:
+    """Return by how much all is seen turned about the upright axis, and its standard deviation, in radians.
 
-    Odometry says in which direction the forklift moves, the landmarks in which the camera does.
-
-    Parameters
-    ----------
-    survey : ShelfSurvey
-        With its landmarks.
-
-    Returns
-    -------
-    tuple of float or None
-        In radians; None where there are no landmarks.
+    Odometry says in which direction the forklift moves, the landmarks in which the camera does. None without any.
     """
     if not survey.observed.pallets and not survey.observed.edges:
         return None

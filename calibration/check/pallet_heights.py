@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.check.robust_fit import robust_fit
+from calibration.check.tilt_sources import fit_with_prior
 from calibration.drive import relative
 from calibration.shelf.gravity_lines import Tilt
 from calibration.shelf.survey import ShelfSurvey
@@ -19,18 +19,25 @@ from palletloc.geometry import FloatArray, LevelPose
 from palletloc.localizer import Localizer, Start
 
 _MOST_SHOTS = 12
+"""Shots that are measured once more: more take time."""
 _LEAST_SIGHTS = 6
+"""Sights at least: there are five unknowns for one pallet."""
 _ON_LEVEL = 0.08
+"""A pallet nearer to a level stands on it, in metres."""
 _LEVEL, _FREE = 0.006, 0.3
+"""How well the height of a pallet on a level is known, and of another one, in metres."""
 _HEIGHT = 0.02
+"""How well the height of the camera is known before, in metres."""
 _RANGE = 0.006
+"""How well the distance of a pallet is known, in metres."""
 _ELEVATION = float(np.radians(0.04))
+"""Standard deviation of an elevation at least, in radians: what camera model and floor add."""
 _FAINT = 1e-6
 """Information that keeps unknowns of which nothing is told where they are, in per square unit."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class HeightSights:
+class PalletElevations:
     """Pallets as they are seen above and below the horizon; one row for each sight."""
 
     pallet: FloatArray
@@ -78,7 +85,7 @@ class HeightEstimate:
         return height, float(np.sqrt(max(left, 0.0)))
 
 
-def see_heights(survey: ShelfSurvey) -> HeightSights | None:
+def measure_elevations(survey: ShelfSurvey) -> PalletElevations | None:
     """Measure the pallets of a survey once more, with nothing said of their heights.
 
     Parameters
@@ -88,7 +95,7 @@ def see_heights(survey: ShelfSurvey) -> HeightSights | None:
 
     Returns
     -------
-    HeightSights or None
+    PalletElevations or None
         None where too few are seen.
     """
     recording, solution = survey.recording, survey.solution
@@ -128,7 +135,7 @@ def see_heights(survey: ShelfSurvey) -> HeightSights | None:
     known = np.abs(near - heights) < _ON_LEVEL
     sigmas = np.where(known, _LEVEL, _FREE)
     pallet, azimuth, distance, elevation, sigma = np.array(rows).T
-    return HeightSights(pallet, azimuth, distance, elevation, sigma, np.where(known, near, heights), sigmas)
+    return PalletElevations(pallet, azimuth, distance, elevation, sigma, np.where(known, near, heights), sigmas)
 
 
 def _sight(
@@ -146,12 +153,12 @@ def _sight(
     return float(np.arctan2(y, x)), distance, float(np.arctan2(z, across)), float(np.hypot(sigma, _ELEVATION))
 
 
-def height_estimate(sights: HeightSights, camera_height: float) -> HeightEstimate | None:
+def height_estimate(sights: PalletElevations, camera_height: float) -> HeightEstimate | None:
     """Return the tilt and the height of the camera that explain at which elevations pallets are seen.
 
     Parameters
     ----------
-    sights : HeightSights
+    sights : PalletElevations
         What was seen.
     camera_height : float
         As stated, in metres.
@@ -180,7 +187,7 @@ def height_estimate(sights: HeightSights, camera_height: float) -> HeightEstimat
     design[rows, 3 + pallets + index] = -deep / square
     away = sights.elevation - np.arctan2(deep, sights.distance)
     priors = np.concatenate([[0.0, 0.0, _HEIGHT**-2], sights.height_sigmas**-2, np.full(pallets, _RANGE**-2)])
-    solution, told = robust_fit(design, away, sights.sigma, np.diag(priors + _FAINT))
+    solution, told = fit_with_prior(design, away, sights.sigma, np.diag(priors + _FAINT))
     covariance = np.asarray(np.linalg.inv(told))
     information = np.linalg.inv(covariance[:2, :2])
     tilt = Tilt(solution[:2], np.asarray(information), len(index))

@@ -11,10 +11,14 @@ from scipy.stats import chi2
 
 from calibration.shelf.gravity_lines import Tilt
 from palletloc.geometry import FloatArray
+from palletloc.robust import huber_weights, reweighted, robust_sigma
 
 VERTICALS, LEVELS, FLOOR, PALLETS = "upright edges", "level edges", "floor lines", "pallets"
 """Names of the sources."""
 _TOLD = 1 / float(np.radians(5.0)) ** 2
+"""A source tells an axis that it knows to 5 degrees, in per square radian: what is worse is open."""
+_ROUNDS = 14
+"""Rounds of a robust fit before the last one: more than the weights need to settle."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,3 +114,43 @@ def _told(information: FloatArray) -> int:
 def _inverse(information: FloatArray) -> FloatArray:
     """Return the covariance; an axis that nothing tells gets a radian."""
     return np.asarray(np.linalg.inv(information + np.eye(2)))
+
+
+def fit_with_prior(
+    design: FloatArray, values: FloatArray, sigma: FloatArray, prior: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Fit unknowns to values, with Huber's weights; scatter beyond what is stated counts.
+
+    Parameters
+    ----------
+    design : (n, k) array
+        Derivatives of the values by the unknowns.
+    values : (n,) array
+        What is seen.
+    sigma : (n,) array
+        Standard deviations of it.
+    prior : (k, k) array
+        Information about the unknowns before, around 0; with the sights it must tell all of them.
+
+    Returns
+    -------
+    solution : (k,) array
+        The unknowns.
+    information : (k, k) array
+        About them: the inverse of their covariance.
+    """
+
+    def normal(weights: FloatArray, scatter: float) -> tuple[FloatArray, FloatArray]:
+        weighted = (design * (weights / sigma**2)[:, None]).T / scatter**2
+        information = weighted @ design + prior
+        return np.asarray(np.linalg.solve(information, weighted @ values), np.float64), information
+
+    found = reweighted(
+        lambda weights, scatter: normal(weights, scatter)[0],
+        lambda solution: (values - design @ solution) / sigma,
+        huber_weights,
+        lambda off: robust_sigma(off, 1.0),
+        np.ones(len(values)),
+        _ROUNDS,
+    )
+    return normal(found.weights, found.sigma)

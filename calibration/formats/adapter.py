@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from calibration.formats.camera_file import FiledCamera, alone, built, fisheye
+from calibration.formats.camera_file import FiledCamera, alone, filed_lens
 from calibration.formats.fields import Fields
-from palletloc.cameras import CameraModel, DoubleSphere, Eucm, Pinhole
+from calibration.lenses.models import MODELS
 
 _LENS = ("fx", "fy", "cx", "cy")
-_TERMS = {
-    "kannala_brandt": ("k1", "k2", "k3", "k4"),
-    "pinhole": ("k1", "k2", "p1", "p2", "k3"),
-    "double_sphere": ("xi", "alpha"),
-    "eucm": ("alpha", "beta"),
-}
+"""Keys that all models have."""
+_TERMS = {name: MODELS[name].shape for name in ("kannala_brandt", "pinhole", "double_sphere", "eucm")}
+"""The other keys of each model."""
 
 
 def read_adapter(fields: Fields) -> list[FiledCamera]:
@@ -35,20 +32,5 @@ def read_adapter(fields: Fields) -> list[FiledCamera]:
     if model is None:
         forms = "; ".join(f"{', '.join(terms)} ({name})" for name, terms in _TERMS.items())
         raise given.fault(f"fx, fy, cx, cy and one of {forms}")
-    fx, fy, cx, cy = (given.at(key).number() for key in _LENS)
-    terms = [given.at(key).number() for key in _TERMS[model]]
-    return [alone("camera", _built(given, model, size, (fx, fy, cx, cy), terms))]
-
-
-def _built(
-    fields: Fields, model: str, size: tuple[int, int], lens: tuple[float, float, float, float], terms: list[float]
-) -> CameraModel:
-    match model:
-        case "kannala_brandt":
-            return fisheye(fields, size, lens, terms)
-        case "pinhole":
-            return built(fields, lambda: Pinhole(*size, *lens, *terms))
-        case "double_sphere":
-            return built(fields, lambda: DoubleSphere(*size, *lens, *terms))
-        case _:
-            return built(fields, lambda: Eucm(*size, *lens, *terms))
+    lens, terms = ([given.at(key).number() for key in keys] for keys in (_LENS, _TERMS[model]))
+    return [alone("camera", filed_lens(given, model, size, lens, terms))]

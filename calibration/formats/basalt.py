@@ -8,12 +8,14 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from calibration.formats.camera_file import FiledCamera, built, fisheye, from_optical, optical
+from calibration.formats.camera_file import FiledCamera, filed_lens, filed_shape, from_optical, optical
 from calibration.formats.fields import Fields
-from palletloc.cameras import CameraModel, DoubleSphere, Eucm, KannalaBrandt, Pinhole
+from palletloc.cameras import CameraModel
 
 MODELS = ("kannala_brandt", "double_sphere", "eucm", "pinhole")
 """What the format can hold."""
+_MODELS = {"ds": "double_sphere", "eucm": "eucm", "kb4": "kannala_brandt", "pinhole": "pinhole"}
+"""The format's names of models that have one form."""
 _KINDS = {
     "ds": ("xi", "alpha"),
     "eucm": ("alpha", "beta"),
@@ -22,8 +24,11 @@ _KINDS = {
     "ucm": ("alpha",),
     "pinhole-radtan8": ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
 }
+"""All names of the format's models, with the keys of their shapes."""
 _LENS = ("fx", "fy", "cx", "cy")
+"""Keys that all models have."""
 _PLACE, _TURN = ("px", "py", "pz"), ("qx", "qy", "qz", "qw")
+"""Keys of a pose: position, and quaternion with the scalar last."""
 
 
 def read_basalt(fields: Fields) -> list[FiledCamera]:
@@ -63,21 +68,12 @@ def _place(fields: Fields) -> RigidTransform:
 def _camera(fields: Fields, size: tuple[int, int]) -> CameraModel:
     kind = fields.at("camera_type").text(tuple(_KINDS))
     values = fields.at("intrinsics")
-    fx, fy, cx, cy = (values.at(key).number() for key in _LENS)
-    lens = fx, fy, cx, cy
-    shape = [values.at(key).number() for key in _KINDS[kind]]
-    match kind:
-        case "ds":
-            return built(values, lambda: DoubleSphere(*size, *lens, shape[0], shape[1]))
-        case "eucm":
-            return built(values, lambda: Eucm(*size, *lens, shape[0], shape[1]))
-        case "ucm":
-            return built(values, lambda: Eucm(*size, *lens, shape[0], 1.0))
-        case "kb4":
-            return fisheye(values, size, lens, shape)
+    lens, shape = ([values.at(key).number() for key in keys] for keys in (_LENS, _KINDS[kind]))
     if any(shape[5:]):
         raise values.fault("no terms beyond k3: a rational distortion has no form here")
-    return built(values, lambda: Pinhole(*size, *lens, *shape[:5]))
+    if kind == "ucm":
+        return filed_lens(values, "eucm", size, lens, [*shape, 1.0])
+    return filed_lens(values, _MODELS.get(kind, "pinhole"), size, lens, shape[:5])
 
 
 def basalt_text(cameras: Sequence[FiledCamera]) -> str:
@@ -112,19 +108,8 @@ def _pose(first_from_camera: RigidTransform) -> dict[str, float]:
 
 
 def _entry(camera: CameraModel) -> dict[str, object]:
-    match camera:
-        case DoubleSphere():
-            kind, shape = "ds", {"xi": camera.xi, "alpha": camera.alpha}
-        case Eucm():
-            kind, shape = "eucm", {"alpha": camera.alpha, "beta": camera.beta}
-        case KannalaBrandt():
-            kind, shape = "kb4", {"k1": camera.k1, "k2": camera.k2, "k3": camera.k3, "k4": camera.k4}
-        case Pinhole():
-            terms = {"k1": camera.k1, "k2": camera.k2, "p1": camera.p1, "p2": camera.p2, "k3": camera.k3}
-            plain = not any(terms.values())
-            kind = "pinhole" if plain else "pinhole-radtan8"
-            shape = {} if plain else {**terms, "k4": 0.0, "k5": 0.0, "k6": 0.0}
-        case _:
-            raise ValueError(f"basalt has no form for this {type(camera).__name__}")
-    lens = {"fx": camera.fx, "fy": camera.fy, "cx": camera.cx, "cy": camera.cy}
-    return {"camera_type": kind, "intrinsics": {**lens, **shape}}
+    model, lens, shape = filed_shape(camera, MODELS, "basalt")
+    kind = next(kind for kind, name in _MODELS.items() if name == model)
+    if model == "pinhole":
+        kind, shape = ("pinhole-radtan8", [*shape, 0.0, 0.0, 0.0]) if any(shape) else ("pinhole", [])
+    return {"camera_type": kind, "intrinsics": dict(zip(_LENS + _KINDS[kind], [*lens, *shape], strict=True))}

@@ -6,23 +6,24 @@ Ours is the key ``camera`` of recording.yaml, rig.yaml and the files that a cali
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Literal
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from calibration.formats.fields import Fields, FormatError, read_yaml
-from calibration.lenses.models import OPTICAL_FROM_CAMERA
+from calibration.formats.fields import Fields, FormatError
+from calibration.lenses.models import MODELS, OPTICAL_FROM_CAMERA, model_of
 from palletloc.cameras import CameraModel, DualFisheye, FisheyeLens, KannalaBrandt
 from palletloc.geometry import FloatArray
-from palletloc.io.camera_spec import camera_from_spec, spec_from_camera
+from palletloc.io.camera_spec import spec_from_camera
 from palletloc.io.schema import CameraSpec
-from palletloc.io.yaml_document import Document, DocumentError, checked_document, format_document
+from palletloc.io.yaml_document import Document, format_document
 
 _RIGID = 1e-3
+"""How far a matrix may be from a rigid transform: files have four digits or more."""
 _OPTICAL = RigidTransform.from_rotation(Rotation.from_matrix(OPTICAL_FROM_CAMERA))
+"""Turns the camera frame into the optical one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,6 +85,50 @@ def fisheye(fields: Fields, size: tuple[int, int], lens: Sequence[float], terms:
     return built(fields, lambda: KannalaBrandt(*size, fx, fy, cx, cy, k1, k2, k3, k4, limit))
 
 
+def filed_lens(
+    fields: Fields, model: str, size: tuple[int, int], lens: Sequence[float], shape: Sequence[float]
+) -> CameraModel:
+    """Return a lens of a model.
+
+    Parameters
+    ----------
+    fields : Fields
+        Where it stands, for errors.
+    model : str
+        Name of the model.
+    size : (int, int)
+        Width and height of the image, in pixels.
+    lens : sequence of float
+        fx, fy, cx, cy.
+    shape : sequence of float
+        The model's other parameters, in the order of its camera; those at the end may be left out.
+
+    Raises
+    ------
+    FormatError
+        If the numbers describe no camera; names file and key.
+    """
+    if model == "kannala_brandt":
+        return fisheye(fields, size, lens, shape)
+    named: dict[str, Any] = dict(zip(MODELS[model].parameters, (*lens, *shape), strict=False))
+    return built(fields, lambda: MODELS[model].camera_type(*size, **named))
+
+
+def filed_shape(camera: CameraModel, models: Sequence[str], form: str) -> tuple[str, list[float], list[float]]:
+    """Return the name of a lens's model, its fx, fy, cx, cy, and its other parameters in the order of the camera.
+
+    Raises
+    ------
+    ValueError
+        If a format does not know the model.
+    """
+    model = model_of(camera)
+    if model is None or model.name not in models:
+        raise ValueError(f"{form} has no form for this {type(camera).__name__}")
+    values = [getattr(camera, name) for name in model.parameters]
+    return model.name, values[:4], values[4:]
+
+
 def optical(first_from_camera: RigidTransform) -> FloatArray:
     """Return a transform between camera frames as a matrix between optical ones (right, down, forward)."""
     return np.asarray((_OPTICAL * first_from_camera * _OPTICAL.inv()).as_matrix())
@@ -123,22 +168,7 @@ def side_by_side(first: FiledCamera, second: FiledCamera) -> DualFisheye | None:
     if not (isinstance(left, KannalaBrandt) and isinstance(right, KannalaBrandt)) or left.height != right.height:
         return None
     width = left.width + right.width
-    lenses = [
-        KannalaBrandt(
-            width,
-            lens.height,
-            lens.fx,
-            lens.fy,
-            lens.cx + offset,
-            lens.cy,
-            lens.k1,
-            lens.k2,
-            lens.k3,
-            lens.k4,
-            lens.max_angle,
-        )
-        for lens, offset in ((left, 0), (right, left.width))
-    ]
+    lenses = [replace(lens, width=width, cx=lens.cx + offset) for lens, offset in ((left, 0), (right, left.width))]
     middle = RigidTransform.from_translation(second.first_from_camera.translation / 2)
     return DualFisheye(
         FisheyeLens(lenses[0], middle.inv()), FisheyeLens(lenses[1], middle.inv() * second.first_from_camera)
@@ -150,28 +180,6 @@ class _CameraSheet(Document):
 
     format: Literal[1]
     camera: CameraSpec
-
-
-class _CameraOnly(Document):
-    """The camera in any file of ours."""
-
-    camera: CameraSpec
-
-
-def read_own(path: Path) -> CameraModel:
-    """Return the camera of a file of ours, whatever else the file holds.
-
-    Raises
-    ------
-    InputError
-        If its key ``camera`` does not describe one.
-    """
-    content = read_yaml(path).value
-    spec = checked_document(path, {"camera": content["camera"]}, _CameraOnly).camera
-    try:
-        return camera_from_spec(spec)
-    except ValueError as error:
-        raise DocumentError(f"{path}: camera: {error}") from None
 
 
 def camera_text(camera: CameraModel) -> str:

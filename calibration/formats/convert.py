@@ -10,18 +10,20 @@ from pathlib import Path
 import numpy as np
 
 from calibration.formats import adapter, basalt, kalibr, ocam, opencv, ros
-from calibration.formats.camera_file import FiledCamera, alone, as_cameras, camera_text, read_own, side_by_side
+from calibration.formats.camera_file import FiledCamera, alone, as_cameras, camera_text, side_by_side
 from calibration.formats.fields import FormatError, read_json, read_yaml
 from calibration.lenses.conversion import ConversionError, LensDifference, convert_lens, difference
 from calibration.lenses.models import MODELS, lens_model, model_of
-from calibration.required_file import require_file
 from palletloc.cameras import CameraModel, DualFisheye, Equirectangular, KannalaBrandt
 from palletloc.errors import PalletLocError, nearest_name
 from palletloc.io.atomic import write_text
-from palletloc.io.reading import read_text
+from palletloc.io.camera_spec import camera_in
+from palletloc.io.reading import read_text, require_file
 
 _DUAL = "dual_fisheye"
+"""Name of the model of two fisheyes side by side."""
 _YAML = (".yaml", ".yml")
+"""Endings of yaml files."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +72,7 @@ def _opencv_text(cameras: Sequence[FiledCamera], out: Path) -> str:
     return opencv.opencv_text(_single(cameras).camera, out.suffix.lower())
 
 
-FORMATS = {
+_FORMATS = {
     "palletloc": _Format((*MODELS, _DUAL), _YAML, _own_text),
     "kalibr": _Format(kalibr.MODELS, _YAML, lambda cameras, _: kalibr.kalibr_text(cameras)),
     "basalt": _Format(basalt.MODELS, (".json",), lambda cameras, _: basalt.basalt_text(cameras)),
@@ -109,7 +111,7 @@ def read_cameras(path: Path) -> list[FiledCamera]:
     if fields.has("image") and fields.has("parameter"):
         return adapter.read_adapter(fields)
     if fields.has("camera"):
-        return as_cameras(read_own(path), "camera")
+        return as_cameras(camera_in(path, fields.value), "camera")
     if fields.has("camera_matrix") and fields.at("camera_matrix").value is not None:
         return opencv.read_opencv(path) if path.suffix.lower() == ".json" else ros.read_camera_info(fields)
     raise FormatError(
@@ -168,14 +170,14 @@ def convert_camera(
 def _target(target: str, out: Path) -> tuple[str, str | None]:
     """Return format and model that a target names."""
     form, _, model = target.partition("/")
-    if form not in FORMATS:
-        raise PalletLocError(f"--to {target}: unknown format '{form}'{nearest_name(form, FORMATS)}")
-    if model and model not in FORMATS[form].models:
+    if form not in _FORMATS:
+        raise PalletLocError(f"--to {target}: unknown format '{form}'{nearest_name(form, _FORMATS)}")
+    if model and model not in _FORMATS[form].models:
         raise PalletLocError(
-            f"--to {target}: {form} has no model '{model}'{nearest_name(model, FORMATS[form].models)}"
+            f"--to {target}: {form} has no model '{model}'{nearest_name(model, _FORMATS[form].models)}"
         )
-    if out.suffix.lower() not in FORMATS[form].suffixes:
-        raise PalletLocError(f"--out {out}: expected a name that ends in {' or '.join(FORMATS[form].suffixes)}")
+    if out.suffix.lower() not in _FORMATS[form].suffixes:
+        raise PalletLocError(f"--out {out}: expected a name that ends in {' or '.join(_FORMATS[form].suffixes)}")
     return form, model or None
 
 
@@ -194,7 +196,7 @@ def _converted(filed: FiledCamera, form: str, model: str | None, max_angle: floa
         keeps = form == "palletloc" and isinstance(filed.camera, Equirectangular)
         if keeps or (form == "ocam" and isinstance(filed.camera, ocam.OcamCamera)):
             return filed
-        model = own.name if own is not None and own.name in FORMATS[form].models else FORMATS[form].models[0]
+        model = own.name if own is not None and own.name in _FORMATS[form].models else _FORMATS[form].models[0]
     if isinstance(filed.camera, Equirectangular):
         raise ConversionError(f"a stitched panorama has no form in {form}/{model}")
     return FiledCamera(filed.name, convert_lens(filed.camera, lens_model(model), max_angle), filed.first_from_camera)
@@ -202,9 +204,9 @@ def _converted(filed: FiledCamera, form: str, model: str | None, max_angle: floa
 
 def _text(form: str, cameras: Sequence[FiledCamera], out: Path) -> str:
     try:
-        return FORMATS[form].text(cameras, out)
+        return _FORMATS[form].text(cameras, out)
     except ValueError as error:
-        raise ConversionError(f"{error}; expected one of the models {', '.join(FORMATS[form].models)}") from None
+        raise ConversionError(f"{error}; expected one of the models {', '.join(_FORMATS[form].models)}") from None
 
 
 def _reach(camera: CameraModel) -> float:

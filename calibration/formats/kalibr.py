@@ -8,20 +8,31 @@ import numpy as np
 import yaml
 from scipy.spatial.transform import RigidTransform
 
-from calibration.formats.camera_file import FiledCamera, built, fisheye, from_optical, optical
+from calibration.formats.camera_file import FiledCamera, filed_lens, filed_shape, from_optical, optical
 from calibration.formats.fields import Fields
-from palletloc.cameras import CameraModel, DoubleSphere, Eucm, KannalaBrandt, Mei, Pinhole
+from palletloc.cameras import CameraModel, Pinhole
 
 MODELS = ("kannala_brandt", "mei", "double_sphere", "eucm", "pinhole")
 """What the format can hold."""
 _CAMERAS = ("pinhole", "omni", "eucm", "ds")
+"""Names of the format's models."""
 _DISTORTIONS = {
     "pinhole": ("radtan", "equidistant", "none"),
     "omni": ("radtan", "none"),
     "eucm": ("none",),
     "ds": ("none",),
 }
+"""Names of each model's distortions."""
 _INTRINSICS = {"pinhole": 4, "omni": 5, "eucm": 6, "ds": 6}
+"""How many numbers each model has besides its distortion."""
+_NAMES = {
+    "kannala_brandt": ("pinhole", "equidistant"),
+    "mei": ("omni", "radtan"),
+    "double_sphere": ("ds", "none"),
+    "eucm": ("eucm", "none"),
+    "pinhole": ("pinhole", "radtan"),
+}
+"""The format's names of each model of ours and of its distortion."""
 
 
 def read_kalibr(fields: Fields) -> list[FiledCamera]:
@@ -56,16 +67,9 @@ def _camera(entry: Fields) -> CameraModel:
     size = entry.at("resolution").size()
     *shape, fx, fy, cx, cy = entry.at("intrinsics").numbers(_INTRINSICS[kind])
     terms = entry.at("distortion_coeffs").numbers(4) if bent != "none" else (0.0,) * 4
-    match kind, bent:
-        case "pinhole", "equidistant":
-            return fisheye(entry, size, (fx, fy, cx, cy), terms)
-        case "pinhole", _:
-            return built(entry, lambda: Pinhole(*size, fx, fy, cx, cy, *terms))
-        case "omni", _:
-            return built(entry, lambda: Mei(*size, fx, fy, cx, cy, shape[0], *terms))
-        case "eucm", _:
-            return built(entry, lambda: Eucm(*size, fx, fy, cx, cy, shape[0], shape[1]))
-    return built(entry, lambda: DoubleSphere(*size, fx, fy, cx, cy, shape[0], shape[1]))
+    named = (kind, "radtan" if bent == "none" and kind in ("pinhole", "omni") else bent)
+    model = next(model for model, names in _NAMES.items() if names == named)
+    return filed_lens(entry, model, size, (fx, fy, cx, cy), [*shape, *(() if kind in ("eucm", "ds") else terms)])
 
 
 def kalibr_text(cameras: Sequence[FiledCamera]) -> str:
@@ -87,25 +91,15 @@ def kalibr_text(cameras: Sequence[FiledCamera]) -> str:
 
 
 def _entry(camera: CameraModel) -> dict[str, object]:
-    match camera:
-        case KannalaBrandt():
-            kind, bent, shape = "pinhole", "equidistant", list[float]()
-            terms = [camera.k1, camera.k2, camera.k3, camera.k4]
-        case Pinhole(k3=0.0):
-            kind, bent, shape, terms = "pinhole", "radtan", [], [camera.k1, camera.k2, camera.p1, camera.p2]
-        case Mei():
-            kind, bent, shape = "omni", "radtan", [camera.xi]
-            terms = [camera.k1, camera.k2, camera.p1, camera.p2]
-        case Eucm():
-            kind, bent, shape, terms = "eucm", "none", [camera.alpha, camera.beta], []
-        case DoubleSphere():
-            kind, bent, shape, terms = "ds", "none", [camera.xi, camera.alpha], []
-        case _:
-            raise ValueError(f"Kalibr has no form for this {type(camera).__name__}")
+    if isinstance(camera, Pinhole) and camera.k3:
+        raise ValueError("Kalibr has no form for this Pinhole")
+    model, lens, shape = filed_shape(camera, MODELS, "Kalibr")
+    kind, bent = _NAMES[model]
+    before = _INTRINSICS[kind] - 4
     return {
         "camera_model": kind,
-        "intrinsics": [*shape, camera.fx, camera.fy, camera.cx, camera.cy],
+        "intrinsics": [*shape[:before], *lens],
         "distortion_model": bent,
-        "distortion_coeffs": terms,
+        "distortion_coeffs": shape[before : before + 4],
         "resolution": [camera.width, camera.height],
     }

@@ -21,7 +21,9 @@ from palletloc.io.reading import read_text
 MODELS = ("kannala_brandt",)
 """What the format can hold."""
 _MOST_TERMS, _GOOD_PX = 16, 0.01
+"""Degree of a polynomial at most, and the error in pixels at which it is good: far below that of any corner."""
 _SAMPLES = 2000
+"""Angles that polynomials are fitted at: many more than they have terms."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

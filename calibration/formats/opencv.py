@@ -8,17 +8,20 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from calibration.formats.camera_file import FiledCamera, alone, built, fisheye
+from calibration.formats.camera_file import FiledCamera, alone, filed_lens, filed_shape
 from calibration.formats.fields import Fields, FormatError, StorageFile
-from palletloc.cameras import CameraModel, KannalaBrandt, Mei, Pinhole
+from palletloc.cameras import CameraModel
 from palletloc.geometry import FloatArray
 from palletloc.io.images import MAX_SIDE_PX
 
 MODELS = ("kannala_brandt", "mei", "pinhole")
 """What the format can hold."""
 _MATRIX = ("camera_matrix", "cameraMatrix", "Camera_Matrix", "K", "M1")
+"""Names that OpenCV's programs give the camera matrix."""
 _TERMS = ("distortion_coefficients", "distCoeffs", "dist_coeffs", "Distortion_Coefficients", "D", "D1")
+"""Names that OpenCV's programs give the distortion."""
 _WIDTH, _HEIGHT, _SIZE = ("image_width", "image_Width"), ("image_height", "image_Height"), ("imageSize", "image_size")
+"""Names that OpenCV's programs give the image's size."""
 
 
 def read_opencv(path: Path) -> list[FiledCamera]:
@@ -38,22 +41,18 @@ def read_opencv(path: Path) -> list[FiledCamera]:
     storage = StorageFile(path)
     size = _size(path, storage)
     matrix = _needed(path, storage, _MATRIX, (9,))
-    fx, fy, cx, cy = (float(matrix[i]) for i in (0, 4, 2, 5))
-    lens = fx, fy, cx, cy
+    lens = [float(matrix[i]) for i in (0, 4, 2, 5)]
     terms = _needed(path, storage, _TERMS, (4, 5, 8, 12, 14)).tolist()
     fields = Fields(path, "", None)
-    xi = storage.numbers("xi")
+    xi, flag = storage.numbers("xi"), storage.numbers("fisheye_model")
     if xi is not None:
-        k1, k2, p1, p2 = terms[:4]
-        return [alone("camera", built(fields, lambda: Mei(*size, *lens, float(xi[0]), k1, k2, p1, p2)))]
-    flag = storage.numbers("fisheye_model")
-    if flag is not None and flag[0]:
-        if len(terms) != 4:
-            raise FormatError(f"{path}: distortion_coefficients: expected 4 numbers for a fisheye, got {len(terms)}")
-        return [alone("camera", fisheye(fields, size, lens, terms))]
+        return [alone("camera", filed_lens(fields, "mei", size, lens, [float(xi[0]), *terms[:4]]))]
+    fisheye = flag is not None and bool(flag[0])
+    if fisheye and len(terms) != 4:
+        raise FormatError(f"{path}: distortion_coefficients: expected 4 numbers for a fisheye, got {len(terms)}")
     if any(terms[5:]):
         raise FormatError(f"{path}: distortion_coefficients: expected no terms beyond k3, which have no form here")
-    return [alone("camera", built(fields, lambda: Pinhole(*size, *lens, *terms[:5])))]
+    return [alone("camera", filed_lens(fields, "kannala_brandt" if fisheye else "pinhole", size, lens, terms[:5]))]
 
 
 def _needed(path: Path, storage: StorageFile, names: Sequence[str], counts: Sequence[int]) -> FloatArray:
@@ -98,23 +97,16 @@ def opencv_text(camera: CameraModel, suffix: str) -> str:
     ValueError
         If the format does not know the camera's model.
     """
-    match camera:
-        case KannalaBrandt():
-            terms = [camera.k1, camera.k2, camera.k3, camera.k4]
-        case Pinhole():
-            terms = [camera.k1, camera.k2, camera.p1, camera.p2, camera.k3]
-        case Mei():
-            terms = [camera.k1, camera.k2, camera.p1, camera.p2]
-        case _:
-            raise ValueError(f"OpenCV has no form for this {type(camera).__name__}")
+    model, (fx, fy, cx, cy), shape = filed_shape(camera, MODELS, "OpenCV")
+    terms = shape[1:] if model == "mei" else shape
     storage = cv2.FileStorage(f"camera{suffix}", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
     storage.write("image_width", camera.width)
     storage.write("image_height", camera.height)
-    matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]], dtype=np.float64)
+    matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], dtype=np.float64)
     storage.write("camera_matrix", matrix)
     storage.write("distortion_coefficients", np.array([terms], dtype=np.float64))
-    if isinstance(camera, Mei):
-        storage.write("xi", camera.xi)
+    if model == "mei":
+        storage.write("xi", shape[0])
     else:
-        storage.write("fisheye_model", int(isinstance(camera, KannalaBrandt)))
+        storage.write("fisheye_model", int(model == "kannala_brandt"))
     return str(storage.releaseAndGetString())

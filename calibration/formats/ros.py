@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import yaml
 
-from calibration.formats.camera_file import FiledCamera, alone, built, fisheye
+from calibration.formats.camera_file import FiledCamera, alone, filed_lens, filed_shape
 from calibration.formats.fields import Fields
-from palletloc.cameras import CameraModel, KannalaBrandt, Pinhole
+from palletloc.cameras import CameraModel
 
 MODELS = ("kannala_brandt", "pinhole")
 """What the format can hold."""
 _DISTORTIONS = ("plumb_bob", "equidistant", "fisheye", "rational_polynomial")
+"""Names of the distortions."""
 
 
 def read_camera_info(fields: Fields) -> list[FiledCamera]:
@@ -32,12 +33,11 @@ def read_camera_info(fields: Fields) -> list[FiledCamera]:
     name = fields.at("camera_name").text() if fields.has("camera_name") else "camera"
     kind = fields.at("distortion_model").text(_DISTORTIONS)
     data = fields.at("distortion_coefficients").at("data")
-    if kind in ("equidistant", "fisheye"):
-        return [alone(name, fisheye(fields, size, lens, data.numbers(4)))]
-    terms = data.numbers(4, 5, 8)
+    fisheye = kind in ("equidistant", "fisheye")
+    terms = data.numbers(4) if fisheye else data.numbers(4, 5, 8)
     if any(terms[5:]):
         raise data.fault("no terms beyond k3: a rational distortion has no form here")
-    return [alone(name, built(fields, lambda: Pinhole(*size, *lens, *terms[:5])))]
+    return [alone(name, filed_lens(fields, "kannala_brandt" if fisheye else "pinhole", size, lens, terms[:5]))]
 
 
 def camera_info_text(camera: CameraModel, name: str) -> str:
@@ -48,14 +48,8 @@ def camera_info_text(camera: CameraModel, name: str) -> str:
     ValueError
         If the format does not know the camera's model.
     """
-    match camera:
-        case KannalaBrandt():
-            kind, terms = "equidistant", [camera.k1, camera.k2, camera.k3, camera.k4]
-        case Pinhole():
-            kind, terms = "plumb_bob", [camera.k1, camera.k2, camera.p1, camera.p2, camera.k3]
-        case _:
-            raise ValueError(f"camera_info has no form for this {type(camera).__name__}")
-    fx, fy, cx, cy = camera.fx, camera.fy, camera.cx, camera.cy
+    model, (fx, fy, cx, cy), terms = filed_shape(camera, MODELS, "camera_info")
+    kind = "equidistant" if model == "kannala_brandt" else "plumb_bob"
     content = {
         "image_width": camera.width,
         "image_height": camera.height,

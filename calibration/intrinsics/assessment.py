@@ -10,27 +10,46 @@ from scipy.spatial import KDTree
 
 from calibration.findings import Finding, Severity
 from calibration.intrinsics.board_views import Collected
+from calibration.intrinsics.stitched import StitchedFit
 from calibration.intrinsics.task import IntrinsicsTask
 from calibration.lenses.fit import LensFit, bearing_sigma, hold_out_rms
 from calibration.lenses.models import LensCamera
 from palletloc.geometry import BoolArray, FloatArray
 
-FEWEST_VIEWS = 3
+_FEWEST_VIEWS = 3
 """Fewer boards give no lens."""
 SECTORS = 12
 """Of a map of the field, around the axis: 30 degrees each."""
 _RING = np.radians(12.0)
 """About the width of the map's rings, in radians: narrower than a board at arm's length."""
-MAX_BEARING_SIGMA = float(np.radians(0.1))
+_MAX_BEARING_SIGMA = float(np.radians(0.1))
 """A larger standard deviation of bearings fails, in radians; at the rim of the field it is a warning."""
 _OPEN_BEARING_SIGMA = float(np.radians(1.0))
+"""A larger standard deviation of most bearings, in radians, means that the boards do not tell the lens."""
 _BAD_VIEW, _BAD_VIEW_PX = 2.5, 0.3
+"""A view is bad that has so many times the usual residual, and so many pixels more: one wrong view among good
+ones."""
 _NEIGHBOURS, _NEIGHBOURS_AGREE = 2, 0.35
+"""Corners that each one is compared with, and the correlation from which on the model misfits: noise alone gives
+0."""
 _CORRELATED = 0.99
+"""Two parameters that correlate more are hardly told apart: their sigmas alone are 7 times those together."""
 _LEAST_COVER, _LEAST_REACH = 0.5, 0.7
+"""Part of the sectors that must have a corner, and of the way to the rim: below, the model extrapolates."""
 _HOLD_OUT = 1.5
-_SEEN_PX = 1e-3
+"""Views held out may have so many times the residual of the others: a quarter of the shots leave some scatter."""
+_MAX_PLACE, _MAX_TURN = 0.005, float(np.radians(0.1))
+"""Larger standard deviations of the back lens's place fail, in metres and radians: the mounting's own limits."""
+_OPEN_PLACE, _OPEN_TURN = 0.1, float(np.radians(2.0))
+"""The same, above which the boards do not tell the place at all."""
+_LEAST_GAIN = 0.97
+"""Residuals after the correction over those before: no smaller gain than 3 % is worth another camera model."""
+AROUND = (
+    "let boards stand still on all sides, say boards_stand_still, and take shots from several places and headings"
+)
+"""What helps where boards leave the place of a lens open."""
 _TILT, _RIM = "tilt the board by 30 degrees and more in several directions", "bring it to the rim of the image"
+"""What helps where boards leave bearings open."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,8 +108,8 @@ def view_findings(task: IntrinsicsTask, found: Collected) -> list[Finding]:
     ]
     for lens in range(task.lenses):
         count = sum(view.lens == lens for view in found.views)
-        if count < FEWEST_VIEWS:
-            what = f"lens {lens}: {count} boards are seen; a lens needs {FEWEST_VIEWS} at least, better 15"
+        if count < _FEWEST_VIEWS:
+            what = f"lens {lens}: {count} boards are seen; a lens needs {_FEWEST_VIEWS} at least, better 15"
             how = "take more shots, and check the numbers of the boards in intrinsics.yaml"
             findings.append(Finding(Severity.DEGENERATE, "few_views", what, how))
     return findings
@@ -149,33 +168,33 @@ def _coverage_of(fit: LensFit, lens: int, camera: LensCamera, aperture: float) -
     return Coverage(filled, float(angle.max()), radius / (aperture / 2), angle, azimuth)
 
 
-def unseen_corners(fit: LensFit, cameras: Sequence[LensCamera]) -> Finding | None:
-    """Return the finding that a camera does not show the corners as the fit does, or None."""
-    worst = 0
-    for view, used, residual in zip(fit.problem.views, fit.used, fit.residuals, strict=True):
-        shown = cameras[view.lens].project(fit.rig.lens_from_board(view).apply(view.points)).pixels
-        off = np.linalg.norm(shown - view.pixels - residual, axis=-1)
-        # A corner at the very border of the image may lie on it in truth and off it by the fit.
-        at_border = np.isnan(off) & (np.linalg.norm(residual, axis=-1) > _border_distance(view.pixels, cameras[0]))
-        worst += int((used & ~at_border & ~(off < _SEEN_PX)).sum())
-    if not worst:
-        return None
-    what = f"the fitted lens folds: {worst} corners lie where it is not one to one"
-    how = "take shots with boards up to the rim of the image, or choose a model with fewer terms"
-    return Finding(Severity.FAIL, "not_invertible", what, how)
+def check_stitched(fit: StitchedFit) -> list[Finding]:
+    """Return what there is to say about the lenses behind stitched shots.
 
-
-def _border_distance(pixels: FloatArray, camera: LensCamera) -> FloatArray:
-    sides = np.array([camera.width - 0.5, camera.height - 0.5]) - pixels
-    distance: FloatArray = np.minimum(sides.min(-1), (pixels + 0.5).min(-1))
-    return distance
+    Parameters
+    ----------
+    fit : StitchedFit
+        The correction.
+    """
+    _, sigma = fit.between
+    turn, place = float(sigma[:3].max()), float(sigma[3:].max())
+    what = f"the back lens's place is known to {1000 * place:.1f} mm and {np.degrees(turn):.2f} degrees only"
+    if place > _OPEN_PLACE or turn > _OPEN_TURN:
+        return [Finding(Severity.DEGENERATE, "unobservable", what, AROUND)]
+    findings = []
+    if place > _MAX_PLACE or turn > _MAX_TURN:
+        findings.append(Finding(Severity.FAIL, "too_uncertain", what, AROUND))
+    if fit.after.rms() > _LEAST_GAIN * fit.before.rms():
+        what = f"the residuals stay as they are: {fit.before.rms():.3f} px before, {fit.after.rms():.3f} px after"
+        findings.append(Finding(Severity.NOTE, "no_gain", what, "keep the camera model equirectangular"))
+    return findings
 
 
 def _uncertain(sigmas: Sequence[FloatArray], angles: Sequence[FloatArray]) -> list[Finding]:
     findings = []
     for lens, (sigma, angle) in enumerate(zip(sigmas, angles, strict=True)):
         usual, worst = float(np.median(sigma)), int(np.argmax(sigma))
-        if sigma[worst] < MAX_BEARING_SIGMA:
+        if sigma[worst] < _MAX_BEARING_SIGMA:
             continue
         what = (
             f"bearings of lens {lens} are known to {np.degrees(usual):.2f} degrees as a rule, and to"
@@ -183,7 +202,7 @@ def _uncertain(sigmas: Sequence[FloatArray], angles: Sequence[FloatArray]) -> li
         )
         if usual > _OPEN_BEARING_SIGMA:
             finding = Finding(Severity.DEGENERATE, "unobservable", what, f"{_TILT}, and {_RIM}")
-        elif usual > MAX_BEARING_SIGMA:
+        elif usual > _MAX_BEARING_SIGMA:
             finding = Finding(Severity.FAIL, "too_uncertain", what, f"{_TILT}, and {_RIM}")
         else:
             finding = Finding(Severity.WARNING, "uncertain_rim", what, f"{_RIM}, or state a smaller max_angle_deg")

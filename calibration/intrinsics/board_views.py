@@ -4,47 +4,59 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from calibration.bearing_dlt import pose_from_bearings
-from calibration.board_detection import SCALES, Marker, detect_markers
+from calibration.bearings import pose_from_bearings
 from calibration.intrinsics.corner_file import read_corners
 from calibration.intrinsics.task import Chessboard, IntrinsicsTask
 from calibration.lenses.problem import BoardView
-from calibration.targets import CharucoBoard, Pattern, patterns
-from calibration.texture_alignment import AlignedCorners, align_corners, on_board
+from calibration.targets.board_detection import SCALES, Marker, detect_markers
+from calibration.targets.targets import CharucoBoard, PrintedPattern, on_board, patterns
+from calibration.targets.texture_alignment import AlignedCorners, align_corners
 from palletloc.cameras import CameraModel, KannalaBrandt
 from palletloc.geometry import FloatArray, Image
 from palletloc.io.images import read_image
 from palletloc.io.reading import read_bytes
 
 _SAME_PX = 1e-3
+"""Views are twins whose corners differ by less: two exposures differ by more, by noise alone."""
 _CHESSBOARD_SIGMA_PX = 0.03
 """The chessboard detector's corners are not better than this; the fit says how much worse."""
 _FOCAL_GUESS, _FAR = 0.4, 100.0
+"""Of a lens that is not known, as a part of its width; and where markers are put along their bearings, in metres."""
 _MARKER_SIGMA_PX, _FEWEST_MARKERS = 0.3, 3
+"""Standard deviation of markers' corners, in pixels; and the fewest markers that tell a board's layout."""
 _WIDEST = float(np.radians(115.0))
+"""Largest angle off axis of a lens that is not known, in radians: enough for lenses that overlap in pairs."""
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Collected:
     """What the shots show."""
 
-    views: list[BoardView] = field(default_factory=list)
+    views: tuple[BoardView, ...] = ()
     """Each board in each shot through each lens."""
-    duplicates: list[tuple[str, str]] = field(default_factory=list)
+    duplicates: tuple[tuple[str, str], ...] = ()
     """Views that are the same as an earlier one, with that one."""
-    empty: list[str] = field(default_factory=list)
+    empty: tuple[str, ...] = ()
     """Shots without a board."""
-    patterns: dict[str, Pattern] = field(default_factory=dict)
+    patterns: Mapping[str, PrintedPattern] = field(default_factory=dict)
     """Of the ChArUco boards, by view."""
-    shots: dict[str, str] = field(default_factory=dict)
+    shots: Mapping[str, str] = field(default_factory=dict)
     """The shot of each view."""
+
+
+class _SeenBoard(NamedTuple):
+    """A board in a shot."""
+
+    view: BoardView
+    pattern: PrintedPattern | None
 
 
 def collect(task: IntrinsicsTask, on_progress: Callable[[str], None] = lambda _: None) -> Collected:
@@ -62,47 +74,57 @@ def collect(task: IntrinsicsTask, on_progress: Callable[[str], None] = lambda _:
     PalletLocError
         If a file is missing or wrong.
     """
-    found = Collected()
     if task.corners is not None:
-        found.views = read_corners(task.corners, task.size, task.lenses, fixed=task.boards_stand_still)
+        found = Collected(tuple(read_corners(task.corners, task.size, task.lenses, fixed=task.boards_stand_still)))
     else:
-        _collect_shots(task, found, on_progress)
-    _merge_same_corners(found)
-    found.views = numbered_boards(found.views)
-    return found
+        found = _from_shots(task, on_progress)
+    kept: list[BoardView] = []
+    twins: list[tuple[str, str]] = []
+    for view in found.views:
+        twin = next((earlier for earlier in kept if _same(earlier, view)), None)
+        if twin is None:
+            kept.append(view)
+        else:
+            twins.append((view.name, twin.name))
+    return replace(found, views=tuple(numbered_boards(kept)), duplicates=(*found.duplicates, *twins))
 
 
-def _collect_shots(task: IntrinsicsTask, found: Collected, on_progress: Callable[[str], None]) -> None:
-    seen: dict[str, str] = {}
+def _from_shots(task: IntrinsicsTask, on_progress: Callable[[str], None]) -> Collected:
+    read: dict[str, str] = {}
+    boards: dict[str, list[_SeenBoard]] = {}
+    duplicates: list[tuple[str, str]] = []
     for shot in task.shots:
         path = task.folder / shot
         digest = hashlib.sha256(read_bytes(path)).hexdigest()
-        if digest in seen:
-            found.duplicates.append((shot, seen[digest]))
+        if digest in read:
+            duplicates.append((shot, read[digest]))
             continue
-        seen[digest] = shot
+        read[digest] = shot
         on_progress(f"{shot}: looking for boards")
         image = read_image(path, task.size, gray=True)
-        before = len(found.views)
-        for lens in range(task.lenses):
-            _collect_lens(task, found, image, shot, lens)
-        if len(found.views) == before:
-            found.empty.append(shot)
+        boards[shot] = [board for lens in range(task.lenses) for board in _in_lens(task, image, shot, lens)]
+    return Collected(
+        tuple(board.view for seen in boards.values() for board in seen),
+        tuple(duplicates),
+        tuple(shot for shot, seen in boards.items() if not seen),
+        {board.view.name: board.pattern for seen in boards.values() for board in seen if board.pattern is not None},
+        {board.view.name: shot for shot, seen in boards.items() for board in seen},
+    )
 
 
-def _collect_lens(task: IntrinsicsTask, found: Collected, image: Image, shot: str, lens: int) -> None:
-    plain = {name: board for name, board in task.boards.items() if isinstance(board, Chessboard)}
-    for name, chessboard in plain.items():
-        offset, part = _part(task, image, lens)
-        corners = _find_chessboard(part, chessboard)
-        if corners is not None:
-            sigma = np.full(len(corners), _CHESSBOARD_SIGMA_PX)
-            place = _place(task, shot, name, lens)
-            found.views.append(BoardView(*place, chessboard.corners, corners + np.array([offset, 0.0]), sigma))
-            found.shots[place[0]] = shot
+def _in_lens(task: IntrinsicsTask, image: Image, shot: str, lens: int) -> Iterator[_SeenBoard]:
+    """Yield the boards that one lens shows in a shot."""
+    for name, board in task.boards.items():
+        if isinstance(board, Chessboard):
+            offset, part = _part(task, image, lens)
+            corners = _find_chessboard(part, board)
+            if corners is not None:
+                sigma = np.full(len(corners), _CHESSBOARD_SIGMA_PX)
+                pixels = corners + np.array([offset, 0.0])
+                yield _SeenBoard(BoardView(*_place(task, shot, name, lens), board.corners, pixels, sigma), None)
     coded = {name: board for name, board in task.boards.items() if isinstance(board, CharucoBoard)}
     if coded:
-        _collect_coded(task, found, image, shot, lens, coded)
+        yield from _coded_boards(task, image, shot, lens, coded)
 
 
 def _find_chessboard(image: Image, board: Chessboard) -> FloatArray | None:
@@ -112,32 +134,32 @@ def _find_chessboard(image: Image, board: Chessboard) -> FloatArray | None:
     return np.asarray(corners, dtype=np.float64).reshape(-1, 2) if found else None
 
 
-def _collect_coded(
-    task: IntrinsicsTask, found: Collected, image: Image, shot: str, lens: int, boards: dict[str, CharucoBoard]
-) -> None:
-    """Add the corners of markers, which need no lens that is known well; they are measured again when it is."""
+def _coded_boards(
+    task: IntrinsicsTask, image: Image, shot: str, lens: int, boards: dict[str, CharucoBoard]
+) -> Iterator[_SeenBoard]:
+    """Yield boards with the corners of their markers, which need no lens that is known well.
+
+    They are measured again when it is.
+    """
     camera = task.start_of_lens(lens) or _equidistant(task, lens)
     own = _own_part(task, image, lens)
     for dictionary in sorted({board.dictionary for board in boards.values()}):
-        mine = {name: board for name, board in boards.items() if board.dictionary == dictionary}
-        missing = dict(mine)
+        missing = {name: board for name, board in boards.items() if board.dictionary == dictionary}
         for scale in SCALES:
             markers = detect_markers(camera, own, dictionary, scale) if missing else []
             for name, board in list(missing.items()):
-                place = _place(task, shot, name, lens)
-                best = _marker_view(camera, markers, board, place)
-                if best is not None:
+                seen = _marker_view(camera, markers, board, _place(task, shot, name, lens))
+                if seen is not None:
                     del missing[name]
-                    found.views.append(best[0])
-                    found.patterns[place[0]], found.shots[place[0]] = best[1], shot
+                    yield seen
 
 
 def _marker_view(
     camera: CameraModel, markers: Sequence[Marker], board: CharucoBoard, place: tuple[str, int, int, int]
-) -> tuple[BoardView, Pattern] | None:
+) -> _SeenBoard | None:
     """Return the corners of a board's markers, and which of its layouts fits them; None where too few are seen."""
     counts = Counter(marker.id for marker in markers)
-    best: tuple[float, BoardView, Pattern] | None = None
+    best: tuple[float, _SeenBoard] | None = None
     for pattern in patterns(board):
         index = {int(number): i for i, number in enumerate(pattern.marker_ids)}
         once = [marker for marker in markers if marker.id in index and counts[marker.id] == 1]
@@ -151,8 +173,8 @@ def _marker_view(
         misfit = np.inf if pose is None else _angle_misfit(pose.apply(points), bearings)
         if best is None or misfit < best[0]:
             sigma = np.full(int(seen.sum()), _MARKER_SIGMA_PX)
-            best = misfit, BoardView(*place, points[seen], pixels[seen], sigma), pattern
-    return best[1:] if best is not None else None
+            best = misfit, _SeenBoard(BoardView(*place, points[seen], pixels[seen], sigma), pattern)
+    return None if best is None else best[1]
 
 
 def _angle_misfit(points: FloatArray, bearings: FloatArray) -> float:
@@ -160,13 +182,9 @@ def _angle_misfit(points: FloatArray, bearings: FloatArray) -> float:
     return float(np.median(np.linalg.norm(rays - bearings, axis=-1)))
 
 
-def _corners(aligned: AlignedCorners) -> tuple[FloatArray, FloatArray, FloatArray]:
-    return on_board(aligned.points), aligned.pixels, aligned.sigma / aligned.pixel_angle
-
-
 def _aligned_view(view: BoardView, aligned: AlignedCorners) -> BoardView:
-    points, pixels, sigma = _corners(aligned)
-    return replace(view, points=points, pixels=pixels, sigma=sigma)
+    sigma = aligned.sigma / aligned.pixel_angle
+    return replace(view, points=on_board(aligned.points), pixels=aligned.pixels, sigma=sigma)
 
 
 def _part(task: IntrinsicsTask, image: Image, lens: int) -> tuple[int, Image]:
@@ -218,18 +236,6 @@ def _equidistant(task: IntrinsicsTask, lens: int) -> KannalaBrandt:
     return KannalaBrandt(*task.size, focal, focal, column, row, max_angle=min(reach, _WIDEST))
 
 
-def _merge_same_corners(found: Collected) -> None:
-    """Drop views whose corners another view has, too."""
-    kept: list[BoardView] = []
-    for view in found.views:
-        twin = next((earlier for earlier in kept if _same(earlier, view)), None)
-        if twin is None:
-            kept.append(view)
-        else:
-            found.duplicates.append((view.name, twin.name))
-    found.views = kept
-
-
 def _same(first: BoardView, second: BoardView) -> bool:
     if first.shot == second.shot or first.lens != second.lens or first.pixels.shape != second.pixels.shape:
         return False
@@ -242,7 +248,7 @@ def measure_again(
     cameras: Sequence[CameraModel],
     poses: dict[str, RigidTransform],
     on_progress: Callable[[str], None] = lambda _: None,
-) -> list[BoardView]:
+) -> tuple[BoardView, ...]:
     """Return the views with the corners of ChArUco boards measured anew, through lenses that are now known better.
 
     Parameters
@@ -258,7 +264,7 @@ def measure_again(
     on_progress : callable
         Is told what is done next.
     """
-    return list(_measured_again(task, found, cameras, poses, on_progress))
+    return tuple(_measured_again(task, found, cameras, poses, on_progress))
 
 
 def _measured_again(

@@ -15,7 +15,9 @@ from palletloc.io.reading import InputError, read_text
 _SIGMA_PX = 0.02
 """No corners are better than this; the fit says how much worse."""
 _COLUMNS = ("shot", "board", "lens", "x_m", "y_m", "z_m", "u_px", "v_px")
+"""Of the table of corners."""
 _FEWEST = 4
+"""Corners of a view at least: they give its pose."""
 
 
 def read_corners(path: Path, size: tuple[int, int], lenses: int, *, fixed: bool) -> list[BoardView]:

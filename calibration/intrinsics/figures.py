@@ -1,4 +1,4 @@
-"""The figures of a lens report: coverage, residuals, how well bearings are known, correlations."""
+"""The figures of fitted lenses: coverage, residuals, how well bearings are known, correlations."""
 
 from __future__ import annotations
 
@@ -9,28 +9,26 @@ from matplotlib.figure import Figure
 
 from calibration.intrinsics.assessment import SECTORS, Checked, Coverage
 from calibration.lenses.fit import LensFit
-from palletloc.drawing.canvas import FAINT, GRID, INK, SERIES, WIDTH_PX, add_axes, add_legend, add_text, new_figure
+from calibration.report_figure import HEAD, titled_figure, wide_axes
+from palletloc.drawing.canvas import DEGREE, FAINT, GRID, INK, SERIES, WIDTH_PX, add_axes, add_legend
 
-_LEFT, _RIGHT, _HEAD = 84, 24, 72
-_SIDE = 420
-_DEGREE = "\N{DEGREE SIGN}"
-
-
-def _titled(height: float, title: str, line: str) -> Figure:
-    figure = new_figure(height)
-    add_text(figure, _LEFT, 14, title, size=13, bold=True)
-    add_text(figure, _LEFT, 40, line, size=10.5)
-    return figure
+_LEFT = 84
+"""Margin of the axes, in pixels of the figure: rows have up to four digits."""
+_SIDE, _HALF_SIDE, _HALF_TOP = 420, 540, 84
+"""Of square axes: their side, that of the halves of a stitched image, and where these begin, in pixels."""
 
 
 def coverage_figure(coverage: Sequence[Coverage]) -> Figure:
     """Draw where corners are: angle off axis outwards, around the axis as in the image."""
-    figure = _titled(
-        560, "Coverage", f"Angle off axis ({_DEGREE}) from the middle outwards; grey: sectors without a corner"
+    figure = titled_figure(
+        560,
+        "Coverage",
+        f"Angle off axis ({DEGREE}) from the middle outwards; grey: sectors without a corner",
+        _LEFT,
     )
     for lens, cover in enumerate(coverage):
         left = _LEFT + lens * (_SIDE + 120)
-        axes = add_axes(figure, left, _HEAD + 10, _SIDE, _SIDE)
+        axes = add_axes(figure, left, HEAD + 10, _SIDE, _SIDE)
         limit = 1.05 * np.degrees(cover.max_angle)
         axes.set(xlim=(-limit, limit), ylim=(limit, -limit))
         axes.set_aspect("equal")
@@ -49,11 +47,11 @@ def coverage_figure(coverage: Sequence[Coverage]) -> Figure:
 def uncertainty_figure(checked: Checked) -> Figure:
     """Draw the standard deviation of bearings over the angle off axis."""
     line = "From the covariance of all parameters; a common rotation left out, which belongs to the mounting"
-    figure = _titled(400, "How well bearings are known", line)
-    axes = add_axes(figure, _LEFT, _HEAD, WIDTH_PX - _LEFT - _RIGHT, 250)
+    figure = titled_figure(400, "How well bearings are known", line, _LEFT)
+    axes = wide_axes(figure, 250, left=_LEFT)
     for lens, (angle, sigma) in enumerate(zip(checked.angles, checked.bearing_sigma, strict=True)):
         axes.plot(np.degrees(angle), np.degrees(sigma), color=SERIES[lens], label=f"lens {lens}")
-    axes.set(xlabel=f"angle off axis ({_DEGREE})", ylabel=f"sigma ({_DEGREE})")
+    axes.set(xlabel=f"angle off axis ({DEGREE})", ylabel=f"sigma ({DEGREE})")
     axes.set_ylim(bottom=0)
     axes.grid(color=GRID, linewidth=0.6)
     add_legend(figure, 372, axes)
@@ -67,8 +65,8 @@ def residual_figure(fit: LensFit) -> Figure:
     extent = float(np.ptp(pixels, axis=0).max())
     factor = 0.04 * extent / max(float(np.linalg.norm(residuals[used], axis=-1).max(initial=0.0)), 1e-9)
     line = f"Fitted minus seen, {factor:.0f} times as long; crosses: left out. Where arrows agree, the model misfits"
-    figure = _titled(760, "Residuals in the image", line)
-    axes = add_axes(figure, _LEFT, _HEAD, WIDTH_PX - _LEFT - _RIGHT, 620)
+    figure = titled_figure(760, "Residuals in the image", line, _LEFT)
+    axes = wide_axes(figure, 620, left=_LEFT)
     axes.quiver(
         *pixels[used].T, *(factor * residuals[used].T), color=SERIES[0], angles="xy", scale_units="xy", scale=1,
         width=0.0012, headwidth=4,
@@ -84,25 +82,25 @@ def residual_figure(fit: LensFit) -> Figure:
 def radial_figure(fit: LensFit, checked: Checked) -> Figure:
     """Draw the residuals away from the axis over the angle off it."""
     line = "Part of each residual away from the axis; a bend is the model, not noise"
-    figure = _titled(400, "Residuals by angle", line)
-    axes = add_axes(figure, _LEFT, _HEAD, WIDTH_PX - _LEFT - _RIGHT, 250)
+    figure = titled_figure(400, "Residuals by angle", line, _LEFT)
+    axes = wide_axes(figure, 250, left=_LEFT)
     for lens, cover in enumerate(checked.coverage):
         mine = [i for i, view in enumerate(fit.problem.views) if view.lens == lens]
         residuals = np.concatenate([fit.residuals[i][fit.used[i]] for i in mine])
         away = residuals[:, 0] * np.cos(cover.azimuth) + residuals[:, 1] * np.sin(cover.azimuth)
         axes.plot(np.degrees(cover.angle), away, ".", color=SERIES[lens], markersize=3, label=f"lens {lens}")
     axes.axhline(0.0, color=INK, linewidth=0.8)
-    axes.set(xlabel=f"angle off axis ({_DEGREE})", ylabel="outwards (px)")
+    axes.set(xlabel=f"angle off axis ({DEGREE})", ylabel="outwards (px)")
     axes.grid(color=GRID, linewidth=0.6)
     add_legend(figure, 372, axes)
     return figure
 
 
-def matrix_figure(fit: LensFit) -> Figure:
+def correlation_figure(fit: LensFit) -> Figure:
     """Draw the correlations of the parameters."""
     line = "Near 1 or -1 two numbers cannot be told apart; bearings are not worse for it"
-    figure = _titled(560, "Correlations", line)
-    axes = add_axes(figure, _LEFT, _HEAD, WIDTH_PX - _LEFT - _RIGHT, 440)
+    figure = titled_figure(560, "Correlations", line, _LEFT)
+    axes = wide_axes(figure, 440, left=_LEFT)
     names = fit.problem.names()
     axes.imshow(fit.correlation, cmap="RdBu_r", vmin=-1, vmax=1, aspect="auto")
     axes.set_xticks(range(len(names)), names, rotation=0 if len(names) < 13 else 90)
@@ -111,4 +109,26 @@ def matrix_figure(fit: LensFit) -> Figure:
         if len(names) < 13:
             color = "white" if abs(value) > 0.6 else INK
             axes.text(column, row, f"{round(value, 2) + 0.0:.2f}", ha="center", va="center", size=9, color=color)
+    return figure
+
+
+def halves_figure(fit: LensFit, name: str) -> Figure:
+    """Draw the residuals in both halves of the image, each around its lens's axis."""
+    used = [part[keep] for part, keep in zip(fit.residuals, fit.used, strict=True)]
+    largest = max((float(np.linalg.norm(part, axis=-1).max()) for part in used if len(part)), default=1e-9)
+    factor = 60.0 / max(largest, 1e-9)
+    line = f"Around each lens's axis, in pixels of the image; drawn {factor:.0f} times as long; crosses were left out"
+    figure = titled_figure(_HALF_SIDE + 150, f"Residuals {name}: {fit.rms():.3f} px", line, _LEFT)
+    limit = 1.08 * float(fit.rig.values[0][0]) * np.pi / 2
+    for lens, title in enumerate(("front", "back")):
+        axes = add_axes(figure, _LEFT + lens * (WIDTH_PX - 110) / 2, _HALF_TOP, _HALF_SIDE, _HALF_SIDE)
+        axes.set(xlim=(-limit, limit), ylim=(limit, -limit), xlabel=f"{title} lens (px)")
+        axes.grid(color=GRID, linewidth=0.6)
+        for view, keep, part in zip(fit.problem.views, fit.used, fit.residuals, strict=True):
+            if view.lens == lens:
+                axes.quiver(
+                    *view.pixels[keep].T, *(factor * part[keep].T), color=SERIES[lens], angles="xy",
+                    scale_units="xy", scale=1, width=0.002, headwidth=4,
+                )  # fmt: skip
+                axes.plot(*view.pixels[~keep].T, "x", color=FAINT, markersize=5)
     return figure

@@ -1,220 +1,295 @@
-"""The report of a lens calibration: one page of HTML that needs nothing but itself, and the same as JSON."""
+"""What there is to say of fitted lenses: their parameters, how well the field is known, and each view."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from calibration.findings import Finding, Severity, exit_code
+from calibration.findings import Finding
+from calibration.formats.camera_file import camera_text
 from calibration.intrinsics.assessment import Checked
-from calibration.intrinsics.board_views import Collected
 from calibration.intrinsics.figures import (
+    correlation_figure,
     coverage_figure,
-    matrix_figure,
+    halves_figure,
     radial_figure,
     residual_figure,
     uncertainty_figure,
 )
+from calibration.intrinsics.fit import STITCHED, LensCalibration, StitchedCalibration
 from calibration.intrinsics.result import FittedCamera
+from calibration.intrinsics.stitched import StitchedFit
 from calibration.lenses.fit import LensFit
-from palletloc.drawing.canvas import small_png
+from calibration.result_page import (
+    Drawing,
+    Findings,
+    Heading,
+    JsonValues,
+    KeyFigures,
+    Output,
+    Paragraph,
+    ResultPage,
+    Section,
+    Table,
+    numbers,
+    words,
+)
+from palletloc.drawing.canvas import DEGREE, PLUS_MINUS
+from palletloc.geometry import FloatArray
 from palletloc.io.camera_spec import angles_from_transform, spec_from_camera
-from palletloc.report.page import Column, embedded, heading, key_figures, page, paragraph, picture, table
 
-_PM = "\N{PLUS-MINUS SIGN}"
-_VERDICT = {0: "The calibration holds.", 1: "The calibration fails.", 3: "The data cannot give a calibration."}
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LensReport:
-    """What there is to tell."""
-
-    model: str
-    """Name of the lens model."""
-    findings: tuple[Finding, ...]
-    """In the order in which they were made."""
-    found: Collected
-    """What the shots show."""
-    fit: LensFit | None = None
-    """The fit, where there is one."""
-    camera: FittedCamera | None = None
-    """What it gives."""
-    checked: Checked | None = None
-    """What was found about it."""
+_COMMAND = "palletloc calibrate intrinsics"
+"""Title of the pages."""
+_VERDICTS = {0: "The calibration holds.", 1: "The calibration fails.", 3: "The data cannot give a calibration."}
+"""Of a calibration of lenses, by exit code."""
+_STITCHED_VERDICTS = {0: "The correction holds.", 1: "The correction fails.", 3: "The data cannot give a correction."}
+"""Of a correction of stitched shots, by exit code."""
+_NOTHING = "Nothing is left to do: paste the camera into recording.yaml or extrinsics.yaml."
+"""Where there is no finding."""
+_BETWEEN = ("turn about x", "turn about y", "turn about z", "x", "y", "z")
+"""Of the six numbers of the back lens's place."""
 
 
-def report_data(report: LensReport) -> dict[str, Any]:
-    """Return the report as plain values for JSON."""
-    data: dict[str, Any] = {
-        "format": 1,
-        "exit_code": exit_code(report.findings),
-        "model": report.model,
-        "reasons": [
-            {"severity": str(f.severity), "code": f.code, "what": f.what, "how": f.how} for f in report.findings
-        ],
-        "duplicates": [list(pair) for pair in report.found.duplicates],
-        "without_board": list(report.found.empty),
-    }
-    fit, checked = report.fit, report.checked
+def lenses_page(result: LensCalibration | StitchedCalibration) -> ResultPage:
+    """Return a calibration of lenses as all outputs show it.
+
+    Parameters
+    ----------
+    result : LensCalibration or StitchedCalibration
+        From `calibrate_lenses`.
+    """
+    content = None if result.camera is None else camera_text(result.camera)
+    if isinstance(result, StitchedCalibration):
+        heading, sections = "The lenses behind a stitched image", tuple(_stitched_sections(result))
+        return ResultPage(_COMMAND, heading, _STITCHED_VERDICTS, sections, content)
+    heading = f"The lens by the model {result.model}"
+    return ResultPage(_COMMAND, heading, _VERDICTS, tuple(_sections(result)), content)
+
+
+def _sections(result: LensCalibration) -> Iterator[Section]:
+    yield JsonValues({"model": result.model})
+    fit, checked = result.fit, result.checked
+    if fit is not None:
+        yield _key_figures(fit, checked)
+    yield Findings(result.findings, _NOTHING)
+    found = result.found
+    yield JsonValues({"duplicates": [list(pair) for pair in found.duplicates], "without_board": list(found.empty)})
     if fit is None:
-        return data
-    data["rms_px"], data["plain_rms_px"], data["sigma_factor"] = fit.rms(), fit.plain_rms, fit.sigma_factor
-    values = np.concatenate(fit.rig.values)
-    names = fit.problem.names()
-    data["parameters"] = [
-        {"name": name, "value": float(value), "sigma": float(sigma)}
-        for name, value, sigma in zip(names, values, fit.sigma, strict=False)
-    ]
-    data["parameters_alone"] = parameters_stand_alone(fit)
-    data["covariance_order"], data["covariance"] = list(names), fit.covariance.tolist()
-    data["views"] = [_view_data(fit, i) for i in range(len(fit.problem.views))]
-    if report.camera is not None:
-        data["camera"] = spec_from_camera(report.camera.camera).model_dump(mode="json")
+        return
+    yield from _parameters(fit, result.fitted)
+    yield JsonValues({"views": [_view_values(fit, i) for i in range(len(fit.problem.views))]})
+    if result.fitted is not None:
+        yield JsonValues({"camera": spec_from_camera(result.fitted.camera).model_dump(mode="json")})
     if checked is not None:
-        data["hold_out_rms_px"] = _number(checked.hold_out)
-        data["neighbour_correlation"] = _number(checked.neighbours)
-        data["lenses"] = [
-            {
-                "max_angle_deg": float(np.degrees(cover.max_angle)),
-                "reach": cover.reach,
-                "coverage": cover.filled.tolist(),
-                "angle_deg": np.degrees(angle).tolist(),
-                "bearing_sigma_deg": np.degrees(sigma).tolist(),
-            }
-            for cover, angle, sigma in zip(checked.coverage, checked.angles, checked.bearing_sigma, strict=True)
-        ]
-    return data
+        yield from _field(fit, checked)
+    yield from _views(fit)
 
 
-def _number(value: float) -> float | None:
-    return value if np.isfinite(value) else None
+def _key_figures(fit: LensFit, checked: Checked | None) -> KeyFigures:
+    figures = [
+        (f"{fit.rms():.3f} px", "rms of the corners used"),
+        (f"{fit.plain_rms:.3f} px", "rms of a plain fit to every corner"),
+        (str(len(fit.problem.views)), "views"),
+        (str(_used_corners(fit)), "corners used"),
+    ]
+    if checked is not None:
+        worst = max(float(sigma.max()) for sigma in checked.bearing_sigma)
+        figures.append((f"{np.degrees(worst):.3f}{DEGREE}", "sigma of bearings, at worst"))
+        if np.isfinite(checked.hold_out):
+            figures.append((f"{checked.hold_out:.3f} px", "rms of views left out"))
+    return KeyFigures(tuple(figures))
 
 
-def _view_data(fit: LensFit, i: int) -> dict[str, Any]:
+def _used_corners(fit: LensFit) -> int:
+    return sum(int(used.sum()) for used in fit.used)
+
+
+def _parameters(fit: LensFit, camera: FittedCamera | None) -> Iterator[Section]:
+    values = np.concatenate(fit.rig.values)
+    known = list(zip(fit.problem.names(), values, fit.sigma, strict=False))
+    alone = _stand_alone(fit)
+    yield JsonValues(
+        {
+            "rms_px": fit.rms(),
+            "plain_rms_px": fit.plain_rms,
+            "sigma_factor": fit.sigma_factor,
+            "parameters": [{"name": name, "value": float(value), "sigma": float(s)} for name, value, s in known],
+            "parameters_alone": alone,
+            "covariance_order": list(fit.problem.names()),
+            "covariance": fit.covariance.tolist(),
+        }
+    )
+    yield Heading("Parameters")
+    columns = (*words(""), *numbers("value", "sigma"))
+    yield Table(columns, tuple((name, f"{value:.7g}", f"{sigma:.2g}") for name, value, sigma in known))
+    short = tuple((name, f"{value:.6g}", f"{sigma:.2g}") for name, value, sigma in known)
+    yield Table(numbers("", "value", "sigma"), short, Output.TERMINAL)
+    line = (
+        f"{len(fit.problem.views)} views, {_used_corners(fit)} corners: {fit.rms():.3f} px rms;"
+        f" with every corner {fit.plain_rms:.3f} px"
+    )
+    yield Paragraph(line, Output.TERMINAL)
+    if not alone:
+        yield Paragraph(
+            "The focal length and xi of this model make up for each other along a curve. Do not believe one of these"
+            " numbers, or its standard deviation, alone, nor compare it with another calibration's: bearings are what"
+            " the fit knows, and their standard deviations below hold."
+        )
+    if camera is not None and len(camera.lenses) > 1:
+        yield from _places(fit, camera)
+    yield Drawing(partial(correlation_figure, fit), "Correlations.")
+
+
+def _stand_alone(fit: LensFit) -> bool:
+    """Tell whether the parameters mean something one by one: not where xi and the focal length replace each other."""
+    return all(model.name != "mei" for model in fit.problem.models)
+
+
+def _places(fit: LensFit, camera: FittedCamera) -> Iterator[Section]:
+    for lens, pose in enumerate(camera.camera_from_lens):
+        (x, y, z), angles = angles_from_transform(pose)
+        turn = ", ".join(f"{angle:.3f}" for angle in angles)
+        yield Paragraph(
+            f"Lens {lens} in the camera frame: {1000 * x:.2f}, {1000 * y:.2f}, {1000 * z:.2f} mm;"
+            f" roll, pitch, yaw {turn} degrees."
+        )
+    _, poses, _ = fit.problem.columns()
+    sigma = fit.sigma[poses[1]]
+    yield Paragraph(
+        f"Between the lenses: {PLUS_MINUS} {1000 * float(sigma[3:].max()):.2f} mm and"
+        f" {PLUS_MINUS} {np.degrees(float(sigma[:3].max())):.3f} degrees at worst."
+    )
+
+
+def _view_values(fit: LensFit, i: int) -> dict[str, Any]:
     view, used, residual = fit.problem.views[i], fit.used[i], fit.residuals[i]
     return {
         "name": view.name,
         "lens": view.lens,
-        "rms_px": float(np.sqrt((residual**2).sum(-1).mean())),
+        "rms_px": _rms(residual),
         "pixels": view.pixels.round(3).tolist(),
         "residual_px": residual.round(4).tolist(),
         "used": used.tolist(),
     }
 
 
-def parameters_stand_alone(fit: LensFit) -> bool:
-    """Tell whether the parameters mean something one by one: not where xi and the focal length replace each other."""
-    return all(model.name != "mei" for model in fit.problem.models)
-
-
-def report_page(report: LensReport) -> str:
-    """Return the report as a page of HTML."""
-    return page("palletloc calibrate intrinsics", _parts(report))
-
-
-def _parts(report: LensReport) -> Iterator[str]:
-    yield heading(f"The lens by the model {report.model}", level=1)
-    yield paragraph(_VERDICT[exit_code(report.findings)], "lead")
-    fit, checked = report.fit, report.checked
-    if fit is not None:
-        yield from _result(fit, checked)
-    yield from _findings(report)
-    if fit is None:
-        return
-    yield from _parameters(fit, report.camera)
-    if checked is not None:
-        yield from _quality(fit, checked)
-    yield from _views(fit)
-
-
-def _result(fit: LensFit, checked: Checked | None) -> Iterator[str]:
-    corners = sum(int(used.sum()) for used in fit.used)
-    figures = [
-        (f"{fit.rms():.3f} px", "rms of the corners used"),
-        (f"{fit.plain_rms:.3f} px", "rms of a plain fit to every corner"),
-        (str(len(fit.problem.views)), "views"),
-        (str(corners), "corners used"),
-    ]
-    if checked is not None:
-        worst = max(float(sigma.max()) for sigma in checked.bearing_sigma)
-        figures.append((f"{np.degrees(worst):.3f}\N{DEGREE SIGN}", "sigma of bearings, at worst"))
-        if np.isfinite(checked.hold_out):
-            figures.append((f"{checked.hold_out:.3f} px", "rms of views left out"))
-    yield key_figures(figures)
-
-
-def _findings(report: LensReport) -> Iterator[str]:
-    yield heading("What to do next")
-    if not report.findings:
-        yield paragraph("Nothing is left to do: paste the camera into recording.yaml or extrinsics.yaml.")
-        return
-    order = list(Severity)
-    columns = (Column("", is_text=True), Column("code", is_text=True), Column("what, and what to do", is_text=True))
-    ordered = sorted(report.findings, key=lambda finding: order.index(finding.severity))
-    yield table(
-        columns, [row for f in ordered for row in ([str(f.severity), f.code, f.what], ["", "", f"do: {f.how}"])]
+def _field(fit: LensFit, checked: Checked) -> Iterator[Section]:
+    yield JsonValues(
+        {
+            "hold_out_rms_px": _finite(checked.hold_out),
+            "neighbour_correlation": _finite(checked.neighbours),
+            "lenses": [
+                {
+                    "max_angle_deg": float(np.degrees(cover.max_angle)),
+                    "reach": cover.reach,
+                    "coverage": cover.filled.tolist(),
+                    "angle_deg": np.degrees(angle).tolist(),
+                    "bearing_sigma_deg": np.degrees(sigma).tolist(),
+                }
+                for cover, angle, sigma in zip(checked.coverage, checked.angles, checked.bearing_sigma, strict=True)
+            ],
+        }
     )
-
-
-def _parameters(fit: LensFit, camera: FittedCamera | None) -> Iterator[str]:
-    yield heading("Parameters")
-    values = np.concatenate(fit.rig.values)
-    rows = [
-        [name, f"{value:.7g}", f"{sigma:.2g}"]
-        for name, value, sigma in zip(fit.problem.names(), values, fit.sigma, strict=False)
-    ]
-    yield table((Column("", is_text=True), Column("value"), Column("sigma")), rows)
-    if not parameters_stand_alone(fit):
-        yield paragraph(
-            "The focal length and xi of this model make up for each other along a curve. Do not believe one of these"
-            " numbers, or its standard deviation, alone, nor compare it with another calibration's: bearings are what"
-            " the fit knows, and their standard deviations below hold."
-        )
-    if camera is not None and len(camera.lenses) > 1:
-        for lens, pose in enumerate(camera.camera_from_lens):
-            (x, y, z), angles = angles_from_transform(pose)
-            turn = ", ".join(f"{angle:.3f}" for angle in angles)
-            yield paragraph(
-                f"Lens {lens} in the camera frame: {1000 * x:.2f}, {1000 * y:.2f}, {1000 * z:.2f} mm;"
-                f" roll, pitch, yaw {turn} degrees."
-            )
-        _, poses, _ = fit.problem.columns()
-        sigma = fit.sigma[poses[1]]
-        yield paragraph(
-            f"Between the lenses: {_PM} {1000 * float(sigma[3:].max()):.2f} mm and"
-            f" {_PM} {np.degrees(float(sigma[:3].max())):.3f} degrees at worst."
-        )
-    yield _shown(matrix_figure(fit), "Correlations.")
-
-
-def _quality(fit: LensFit, checked: Checked) -> Iterator[str]:
-    yield heading("How well the field is known")
-    yield _shown(coverage_figure(checked.coverage), "Where the corners are in the field of each lens.")
-    yield _shown(uncertainty_figure(checked), "Standard deviation of bearings.")
-    yield _shown(residual_figure(fit), "Residuals in the image.")
-    yield _shown(radial_figure(fit, checked), "Residuals over the angle off axis.")
+    yield Heading("How well the field is known")
+    coverage = partial(coverage_figure, checked.coverage)
+    yield Drawing(coverage, "Where the corners are in the field of each lens.")
+    yield Drawing(partial(uncertainty_figure, checked), "Standard deviation of bearings.")
+    yield Drawing(partial(residual_figure, fit), "Residuals in the image.")
+    yield Drawing(partial(radial_figure, fit, checked), "Residuals over the angle off axis.")
     if np.isfinite(checked.neighbours):
-        yield paragraph(
+        yield Paragraph(
             f"Residuals of neighbouring corners correlate by {checked.neighbours:.2f}; with a model that describes"
             " the lens, and flat boards, they do not."
         )
 
 
-def _views(fit: LensFit) -> Iterator[str]:
-    yield heading("Views")
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None
+
+
+def _views(fit: LensFit) -> Iterator[Section]:
+    yield Heading("Views")
     rows = []
-    for i, view in enumerate(fit.problem.views):
-        size = np.linalg.norm(fit.residuals[i], axis=-1)
+    for view, used, residual in zip(fit.problem.views, fit.used, fit.residuals, strict=True):
+        size = np.linalg.norm(residual, axis=-1)
         rms = np.sqrt((size**2).mean())
-        counts = [str(len(view.points)), str(int((~fit.used[i]).sum()))]
-        rows.append([view.name, *counts, f"{rms:.3f}", f"{size.max():.3f}"])
-    names = ("corners", "left out", "rms px", "max px")
-    yield table((Column("view", is_text=True), *(Column(name) for name in names)), rows)
+        rows.append((view.name, str(len(used)), str(int((~used).sum())), f"{rms:.3f}", f"{size.max():.3f}"))
+    yield Table((*words("view"), *numbers("corners", "left out", "rms px", "max px")), tuple(rows))
 
 
-def _shown(figure: Figure, caption: str) -> str:
-    return picture(embedded(small_png(figure)), caption, keep_wide=True)
+def _stitched_sections(result: StitchedCalibration) -> Iterator[Section]:
+    yield JsonValues({"model": STITCHED})
+    fit = result.fit
+    if fit is None:
+        yield Findings(result.findings, _NOTHING)
+        return
+    yield from _correction(fit, result.findings)
+    views = zip(fit.after.problem.views, fit.before.residuals, fit.after.residuals, fit.after.used, strict=True)
+    yield JsonValues(
+        {
+            "covariance_order": list(fit.after.problem.names()),
+            "covariance": fit.after.covariance.tolist(),
+            "camera": spec_from_camera(fit.camera).model_dump(mode="json"),
+            "views": [
+                {
+                    "name": view.name,
+                    "rms_px": {"before": _rms(before), "after": _rms(after)},
+                    "used": used.tolist(),
+                }
+                for view, before, after, used in views
+            ],
+        }
+    )
+    for part, name in ((fit.before, "before"), (fit.after, "after")):
+        yield Drawing(_halves(part, name), f"Residuals {name} the correction.", keep_wide=False)
+
+
+def _halves(fit: LensFit, name: str) -> partial[Figure]:
+    return partial(halves_figure, fit, name)
+
+
+def _rms(residuals: FloatArray) -> float:
+    return float(np.sqrt((residuals**2).sum(-1).mean()))
+
+
+def _correction(fit: StitchedFit, findings: tuple[Finding, ...]) -> Iterator[Section]:
+    (values, sigma), (bends, bend_sigma) = fit.between, fit.bends
+    apart, turned = 1000 * float(np.linalg.norm(values[3:])), np.degrees(float(np.linalg.norm(values[:3])))
+    known, sure = 1000 * float(sigma[3:].max()), np.degrees(float(sigma[:3].max()))
+    before, after = fit.before.rms(), fit.after.rms()
+    yield Findings(findings, _NOTHING)
+    yield KeyFigures(
+        (
+            (f"{before:.3f} px", "rms before"),
+            (f"{after:.3f} px", "rms after"),
+            (f"{apart:.1f} mm", "between the lenses' centres"),
+            (f"{turned:.3f}{DEGREE}", "turn of the back lens"),
+        )
+    )
+    yield Paragraph(f"{before:.3f} px rms before, {after:.3f} px after", Output.TERMINAL)
+    line = f"lenses {apart:.1f} mm apart (sigma {known:.1f} mm), turned by {turned:.3f} degrees (sigma {sure:.3f})"
+    yield Paragraph(line, Output.TERMINAL)
+    yield JsonValues(
+        {
+            "rms_px": {"before": before, "after": after},
+            "plain_rms_px": {"before": fit.before.plain_rms, "after": fit.after.plain_rms},
+            "back_lens_off": {"order": list(_BETWEEN), "value": values.tolist(), "sigma": sigma.tolist()},
+            "bends": {"value": bends.tolist(), "sigma": bend_sigma.tolist()},
+        }
+    )
+    rows = [
+        (name, *(f"{np.degrees(x):.4f} {DEGREE}" if i < 3 else f"{1000 * x:.2f} mm" for x in pair))
+        for i, (name, *pair) in enumerate(zip(_BETWEEN, values, sigma, strict=True))
+    ]
+    rows += [
+        (f"{lens} lens, {name}", f"{bends[i, j]:.5f}", f"{bend_sigma[i, j]:.5f}")
+        for i, lens in enumerate(("front", "back"))
+        for j, name in enumerate(("k1", "k2"))
+    ]
+    yield Heading("The correction")
+    yield Paragraph("Back lens against its nominal place in the front lens's frame, and how each lens bends.")
+    yield Table((*words(""), *numbers("value", "sigma")), tuple(rows))

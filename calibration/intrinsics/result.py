@@ -9,15 +9,19 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from calibration.findings import Finding, Severity
-from calibration.formats.camera_file import camera_text
-from calibration.intrinsics.assessment import unseen_corners
 from calibration.lenses.fit import LensFit
 from calibration.lenses.models import LensCamera
 from palletloc.cameras import CameraModel, DualFisheye, FisheyeLens, KannalaBrandt
 from palletloc.geometry import FloatArray
 
 _MARGIN = float(np.radians(1.0))
+"""How much farther than its corners a lens sees, in radians: the model is not known beyond."""
 _WIDE_MARGINS = tuple(float(np.radians(angle)) for angle in (20.0, 10.0, 5.0, 2.0, 0.0))
+"""The same to measure corners again, in radians: as far as the numbers describe a lens."""
+
+
+_SEEN_PX = 1e-3
+"""A corner that the camera shows farther from the fit than this is folded over: rounding makes 1e-9."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,10 +45,6 @@ class FittedCamera:
         )
         return DualFisheye(front, back)
 
-    def text(self) -> str:
-        """Return the content of the file."""
-        return camera_text(self.camera)
-
 
 def fitted_camera(fit: LensFit, size: tuple[int, int], max_angle: float | None) -> FittedCamera | Finding:
     """Return the camera of a fit, or the finding that its numbers describe none.
@@ -64,7 +64,29 @@ def fitted_camera(fit: LensFit, size: tuple[int, int], max_angle: float | None) 
         how = "take shots with boards up to the rim of the image, or choose eucm or double_sphere"
         return Finding(Severity.FAIL, "not_invertible", f"the fitted numbers describe no lens: {error}", how)
     fitted = FittedCamera(lenses, _in_camera([fit.rig.lenses[i] for i in range(len(lenses))]))
-    return unseen_corners(fit, fitted.lenses) or fitted
+    return _unseen_corners(fit, fitted.lenses) or fitted
+
+
+def _unseen_corners(fit: LensFit, cameras: Sequence[LensCamera]) -> Finding | None:
+    """Return the finding that a camera does not show the corners as the fit does, or None."""
+    worst = 0
+    for view, used, residual in zip(fit.problem.views, fit.used, fit.residuals, strict=True):
+        shown = cameras[view.lens].project(fit.rig.lens_from_board(view).apply(view.points)).pixels
+        off = np.linalg.norm(shown - view.pixels - residual, axis=-1)
+        # A corner at the very border of the image may lie on it in truth and off it by the fit.
+        at_border = np.isnan(off) & (np.linalg.norm(residual, axis=-1) > _border_distance(view.pixels, cameras[0]))
+        worst += int((used & ~at_border & ~(off < _SEEN_PX)).sum())
+    if not worst:
+        return None
+    what = f"the fitted lens folds: {worst} corners lie where it is not one to one"
+    how = "take shots with boards up to the rim of the image, or choose a model with fewer terms"
+    return Finding(Severity.FAIL, "not_invertible", what, how)
+
+
+def _border_distance(pixels: FloatArray, camera: LensCamera) -> FloatArray:
+    sides = np.array([camera.width - 0.5, camera.height - 0.5]) - pixels
+    distance: FloatArray = np.minimum(sides.min(-1), (pixels + 0.5).min(-1))
+    return distance
 
 
 def measuring_lenses(fit: LensFit, size: tuple[int, int]) -> tuple[LensCamera, ...] | None:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from calibration.bearing_dlt import pose_from_bearings
+from calibration.bearings import pose_from_bearings
 from calibration.lenses.fit import LensFit, NoStartError, refined
 from calibration.lenses.linking import link
 from calibration.lenses.models import MODELS
@@ -21,10 +21,15 @@ from palletloc.cameras import Equirectangular, StitchedEquirectangular, Stitched
 from palletloc.geometry import BoolArray, FloatArray
 
 _FISHEYE = MODELS["kannala_brandt"]
+"""The model of the lenses: with its terms at zero the image is the one that the stitcher means."""
 _BENDS = [_FISHEYE.parameters.index(name) for name in ("k1", "k2")]
+"""Which of its parameters are fitted: the half of an image tells no more than two terms."""
 _TURNED = RigidTransform.from_rotation(Rotation.from_euler("z", 180, degrees=True))
+"""The back lens by the stitcher: turned by 180 degrees about the vertical."""
 _SEAM = float(np.radians(3.0))
+"""Corners nearer to the seam than this, in radians, may belong to either lens, or to a blend of both."""
 _FEWEST = 6
+"""A half with fewer corners counts for nothing."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

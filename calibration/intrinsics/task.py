@@ -9,14 +9,13 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from calibration.extrinsics_file import CharucoSpec, Positive
 from calibration.lenses.fit import Aperture
-from calibration.required_file import require_file
-from calibration.targets import CharucoBoard, TargetError, patterns
+from calibration.targets.target_file import CharucoSpec, Positive
+from calibration.targets.targets import CharucoBoard, TargetError, patterns
 from palletloc.cameras import CameraModel, DualFisheye
 from palletloc.geometry import FloatArray
 from palletloc.io.camera_spec import camera_from_spec
-from palletloc.io.reading import InputError
+from palletloc.io.reading import InputError, require_file
 from palletloc.io.schema import Angle, CameraSpec, Pixels
 from palletloc.io.yaml_document import Document, DocumentError, read_document
 
@@ -24,7 +23,7 @@ INTRINSICS = "intrinsics.yaml"
 """Name of the file in its folder."""
 
 
-class ChessboardSpec(Document):
+class _ChessboardSpec(Document):
     """A plain chessboard."""
 
     inner_columns: Annotated[int, Field(strict=True, ge=3)]
@@ -34,14 +33,14 @@ class ChessboardSpec(Document):
     square_m: Positive
 
 
-class BoardSpec(Document):
+class _BoardSpec(Document):
     """One board: `chessboard` or `charuco`."""
 
-    chessboard: ChessboardSpec | None = None
+    chessboard: _ChessboardSpec | None = None
     charuco: CharucoSpec | None = None
 
 
-class IntrinsicsSpec(Document):
+class _IntrinsicsSpec(Document):
     """The file intrinsics.yaml."""
 
     format: Literal[1]
@@ -55,7 +54,7 @@ class IntrinsicsSpec(Document):
     """How far off its axis the lens sees; without it, as far as the corners reach."""
     shots: tuple[str, ...] = ()
     """Images, relative to the folder."""
-    boards: Annotated[dict[str, BoardSpec], Field(default_factory=dict)]
+    boards: Annotated[dict[str, _BoardSpec], Field(default_factory=dict)]
     boards_stand_still: bool = False
     """Whether only the camera moves, so that all boards keep their places against each other."""
     corners: str | None = None
@@ -81,7 +80,7 @@ class Chessboard:
         return np.asarray(grid * self.square, dtype=np.float64)
 
 
-Board = Chessboard | CharucoBoard
+_Board = Chessboard | CharucoBoard
 """Any board."""
 
 
@@ -101,7 +100,7 @@ class IntrinsicsTask:
     """How far the lens sees, in radians."""
     shots: tuple[str, ...]
     """Images, relative to the folder."""
-    boards: dict[str, Board]
+    boards: dict[str, _Board]
     """By name."""
     boards_stand_still: bool
     """Whether all boards keep their places against each other."""
@@ -135,7 +134,7 @@ def read_intrinsics(folder: Path) -> IntrinsicsTask:
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; expected one with {INTRINSICS} in it")
     path = require_file(folder / INTRINSICS, "the size of the shots, their boards or a file of corners")
-    spec = read_document(path, IntrinsicsSpec)
+    spec = read_document(path, _IntrinsicsSpec)
     if (spec.corners is None) == (not spec.shots):
         raise DocumentError(f"{path}: expected either the keys shots and boards, or the key corners")
     if spec.shots and not spec.boards:
@@ -155,7 +154,7 @@ def read_intrinsics(folder: Path) -> IntrinsicsTask:
     )
 
 
-def _start(path: Path, spec: IntrinsicsSpec) -> CameraModel | None:
+def _start(path: Path, spec: _IntrinsicsSpec) -> CameraModel | None:
     if spec.start is None:
         return None
     if (spec.start.width, spec.start.height) != (spec.width, spec.height):
@@ -171,10 +170,10 @@ def _start(path: Path, spec: IntrinsicsSpec) -> CameraModel | None:
     return camera
 
 
-def _board(path: Path, name: str, spec: BoardSpec) -> Board:
+def _board(path: Path, name: str, spec: _BoardSpec) -> _Board:
     where = f"{path}: boards.{name}"
     match (spec.chessboard, spec.charuco):
-        case (ChessboardSpec() as given, None):
+        case (_ChessboardSpec() as given, None):
             return Chessboard(given.inner_columns, given.inner_rows, given.square_m)
         case (None, CharucoSpec() as given):
             board = CharucoBoard(
@@ -189,7 +188,7 @@ def _board(path: Path, name: str, spec: BoardSpec) -> Board:
     return board
 
 
-def _check_boards(path: Path, boards: dict[str, Board]) -> None:
+def _check_boards(path: Path, boards: dict[str, _Board]) -> None:
     """Raise an error where boards cannot be told apart."""
     owners: dict[tuple[str, int], str] = {}
     plain = [name for name, board in boards.items() if isinstance(board, Chessboard)]

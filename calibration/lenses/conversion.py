@@ -12,8 +12,11 @@ from palletloc.errors import PalletLocError
 from palletloc.geometry import FloatArray
 
 _GRID = 60
+"""Rays per side that cameras are compared at; also the fewest that must be seen: 3600 settle 9 parameters."""
 _PERSPECTIVE = float(np.radians(80.0))
+"""How far off axis a pinhole is asked to image, in radians: beyond, its image grows without bound."""
 _STEP = 1e-4
+"""Of the differences that tell the focal length on the axis, as a part of the distance."""
 
 
 class ConversionError(PalletLocError):
@@ -34,15 +37,8 @@ class LensDifference:
     """Share of the field that the second one does not see."""
 
 
-def field_rays(camera: CameraModel, max_angle: float) -> tuple[FloatArray, FloatArray]:
+def _field_rays(camera: CameraModel, max_angle: float) -> tuple[FloatArray, FloatArray]:
     """Return rays all over a camera's field, (n, 3), and their pixels, (n, 2).
-
-    Parameters
-    ----------
-    camera : CameraModel
-        With one centre.
-    max_angle : float
-        Largest angle off axis, in radians.
 
     Raises
     ------
@@ -79,7 +75,7 @@ def convert_lens(camera: CameraModel, model: LensModel, max_angle: float = np.pi
         return model.camera(model.values(camera), (camera.width, camera.height), _own_angle(camera, max_angle))
     if model.name == "pinhole":
         max_angle = min(max_angle, _PERSPECTIVE)
-    rays, pixels = field_rays(camera, max_angle)
+    rays, pixels = _field_rays(camera, max_angle)
     reach = float(np.arccos(np.clip(rays[:, 0].min(), -1, 1)))
     center, focal = _axis(camera)
     candidates = []
@@ -124,7 +120,7 @@ def difference(first: CameraModel, second: CameraModel, max_angle: float = np.pi
     max_angle : float
         Largest angle off axis that counts, in radians.
     """
-    rays, pixels = field_rays(first, max_angle)
+    rays, pixels = _field_rays(first, max_angle)
     shown, valid = second.project(rays)
     # A pixel at the border may fall off the other's image.
     inner = (pixels > 1).all(-1) & (pixels < (first.width - 2, first.height - 2)).all(-1)

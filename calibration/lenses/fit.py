@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from calibration.bearing_dlt import cross_matrices
+from calibration.bearings import cross_matrices
+from calibration.least_squares import MEDIAN_LENGTH
 from calibration.lenses.linking import link
 from calibration.lenses.models import LensModel
 from calibration.lenses.problem import BoardView, LensProblem, Rig, adjust, shared_covariance
@@ -17,11 +18,15 @@ from palletloc.errors import PalletLocError
 from palletloc.geometry import BoolArray, FloatArray
 
 _FEWEST_SHOTS, _EVERY = 8, 4
+"""Views are held out of eight shots or more, every fourth one: fewer leave too few boards to the fit."""
 _AZIMUTHS = 16
+"""Directions around the axis in which bearings are looked at: every 22.5 degrees."""
 _OUTLIER = 4.0
-_MEDIAN_OF_RAYLEIGH = 1.1774
+"""Corners beyond this many robust standard deviations are left out: one good corner in 3000."""
 _FEWEST_CORNERS = 6
+"""A view with fewer corners counts for nothing: its own pose takes three of them."""
 _ROUNDS = 3
+"""Robust fits, each with the scatter of the one before; the third hardly changes it."""
 
 
 class NoStartError(PalletLocError):
@@ -182,7 +187,7 @@ def _plain_rms(problem: LensProblem, rig: Rig, free: BoolArray | None) -> float:
 def _scatter(problem: LensProblem, rig: Rig) -> float:
     """Return the typical standard deviation of a residual, in stated sigmas, by its median."""
     sizes = np.linalg.norm(problem.linearize(rig).residuals, axis=-1)
-    return float(np.nanmedian(sizes)) / _MEDIAN_OF_RAYLEIGH + 1e-9
+    return float(np.nanmedian(sizes)) / MEDIAN_LENGTH + 1e-9
 
 
 def _inliers(problem: LensProblem, rig: Rig) -> tuple[BoolArray, ...]:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from calibration.lenses.descent import descend, finite_cost
+from calibration.least_squares import descend_damped, finite_cost
 from palletloc.cameras import CameraModel, DoubleSphere, Eucm, KannalaBrandt, Mei, Pinhole
 from palletloc.cameras.derivatives import (
     PlaneImage,
@@ -154,7 +154,7 @@ class LensModel:
             return finite_cost(residuals @ residuals)
 
         first = _Matched(start, self.evaluate(start, rays))
-        return descend(first, cost, step, _DAMPING, _MAX_STEPS, _SETTLED).values
+        return descend_damped(first, cost, step, _DAMPING, _MAX_STEPS, _SETTLED).values
 
     def values(self, camera: LensCamera) -> FloatArray:
         """Return the parameters of a camera of this model."""

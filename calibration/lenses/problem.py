@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from calibration.bearing_dlt import cross_matrices
-from calibration.lenses.descent import descend, finite_cost
+from calibration.bearings import cross_matrices
+from calibration.least_squares import descend_damped, finite_cost
 from calibration.lenses.models import LensModel
 from palletloc.geometry import BoolArray, FloatArray
 
@@ -228,7 +228,9 @@ def adjust(problem: LensProblem, start: Rig, free: BoolArray | None = None, robu
         return damped
 
     first = _Reached(start, problem.linearize(start))
-    return descend(first, lambda reached: _cost(reached.residuals, robust), step, _DAMPING, _MAX_STEPS, _SETTLED).rig
+    return descend_damped(
+        first, lambda reached: _cost(reached.residuals, robust), step, _DAMPING, _MAX_STEPS, _SETTLED
+    ).rig
 
 
 def shared_covariance(problem: LensProblem, rig: Rig, free: BoolArray | None = None) -> FloatArray:

@@ -2,25 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from scipy.stats import chi2
 
-from calibration.assessment import MAX_POSITION_SIGMA, MAX_ROTATION_SIGMA
 from calibration.degeneracy import LIMITS, in_words
-from calibration.findings import Finding, Severity, exit_code
+from calibration.findings import PASS, Finding, Severity, exit_code
 from calibration.motion.fit import MotionFit, fit_motion
-from calibration.motion.network import MotionNetwork
+from calibration.motion.problem import MotionProblem
 from calibration.motion.start import start_motion
+from calibration.motion.task import MotionTask, read_motion_task
+from calibration.mounting.assessment import MAX_POSITION_SIGMA, MAX_ROTATION_SIGMA
+from calibration.targets.observations import TargetObservation, observe
+from palletloc.cameras.protocol import CameraModel
 from palletloc.geometry import FloatArray
+from palletloc.mounting import Mounting
 
-LEAST_SHOTS = 5
+_LEAST_SHOTS = 5
 """With fewer shots that show a target nothing is fitted."""
-_CHANCE, _SIGMAS, _SLIP = 0.001, 4.0, 6.0
-_DELAY, _SCALE = 0.01, 0.005
+_CHANCE = 0.001
+"""The drive contradicts the stated mounting where chance leaves such a difference to fewer cases."""
+_SIGMAS, _DELAY, _SCALE = 4.0, 0.01, 0.005
+"""A delay and a scale are told from so many standard deviations on, and from so many seconds and parts of one."""
+_SLIP = 6.0
+"""A step of the odometry that is off by more standard deviations is a slip of the wheels."""
 _ARC = 2
+"""Directions that a drive on one arc loses whatever the wheels' scale."""
 _KINDS = {4: "a straight drive", 2: "a drive on one arc, or a turn on the spot", 1: "a drive on the floor"}
+"""By the number of directions that motion alone loses."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,27 +52,113 @@ class MotionAssessment:
         return exit_code(self.findings)
 
 
-def assess_motion(network: MotionNetwork, stated_sigma: FloatArray) -> MotionAssessment:
+@dataclass(frozen=True, slots=True, eq=False)
+class MotionResult:
+    """What a drive past targets tells about the mounting that its recording states."""
+
+    assessment: MotionAssessment
+    """The fit, and what was found about it."""
+    camera: CameraModel
+    """Of the recording."""
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What fails or restricts the result, in the order in which it was found."""
+        return self.assessment.findings
+
+    @property
+    def mounting(self) -> Mounting | None:
+        """The camera's pose on the forklift; None where a number is not known or contradicts the stated one."""
+        fit = self.assessment.fit
+        if fit is None or self.assessment.exit_code != PASS:
+            return None
+        x, y, z, roll, pitch, yaw = (float(value) for value in fit.sigma)
+        return Mounting(fit.state.camera, (x, y, z), (roll, pitch, yaw))
+
+
+def calibrate_motion(folder: Path, on_progress: Callable[[str], None] = lambda _: None) -> MotionResult:
+    """Check the mounting that a recording states by a drive past targets, as far as such a drive can tell.
+
+    Parameters
+    ----------
+    folder : Path
+        The recording, with targets.yaml.
+    on_progress : callable
+        Is told what is done next.
+
+    Returns
+    -------
+    MotionResult
+        With the findings; `motion_page` shows it.
+
+    Raises
+    ------
+    PalletLocError
+        If a file is missing or wrong, or a target is there twice.
+    """
+    task = read_motion_task(folder)
+    observations = _observed(task, on_progress)
+    on_progress("fitting")
+    if not observations:
+        how = "check the shots, the dictionary and the ids; a marker needs a side of about 20 px in the shot"
+        fault = Finding(Severity.DEGENERATE, "no_target_seen", "no target is seen in any shot", how)
+        return MotionResult(MotionAssessment((fault,)), task.recording.camera)
+    assessment = assess_motion(_problem(task, observations), task.recording.mounting.sigma)
+    return MotionResult(assessment, task.recording.camera)
+
+
+def _observed(task: MotionTask, on_progress: Callable[[str], None]) -> list[tuple[int, TargetObservation]]:
+    """Return the targets in the shots that the odometry covers, each with the number of its shot."""
+    recording = task.recording
+    start, end = recording.odometry.span
+    found = []
+    for index, shot in enumerate(recording.shots):
+        if start <= shot.time <= end:
+            image = recording.image(shot, gray=True)
+            seen = observe(recording.camera, image, shot.file, task.targets, on_progress)
+            found += [(index, observation) for observation in seen]
+    return found
+
+
+def _problem(task: MotionTask, observations: Sequence[tuple[int, TargetObservation]]) -> MotionProblem:
+    recording = task.recording
+    seen = {observation.target for _, observation in observations}
+    names = [name for name in task.targets if name in seen]
+    shots = sorted({index for index, _ in observations})
+    return MotionProblem(
+        np.array([recording.shots[index].time for index in shots]),
+        recording.odometry,
+        task.noise,
+        tuple(observation.numbered(names.index(observation.target)) for _, observation in observations),
+        tuple(shots.index(index) for index, _ in observations),
+        len(names),
+        recording.forklift_from_camera,
+        {names.index(name): height for name, height in task.heights.items() if name in names},
+        scale_sigma=task.scale_sigma,
+    )
+
+
+def assess_motion(problem: MotionProblem, stated_sigma: FloatArray) -> MotionAssessment:
     """Fit and judge.
 
     Parameters
     ----------
-    network : MotionNetwork
+    problem : MotionProblem
         The observations, of one target at least.
     stated_sigma : (6,) array
         Standard deviations of the stated mounting, in metres and radians.
     """
-    how = f"drive so that {LEAST_SHOTS} shots and more show a target, from 1 to 4 m"
-    if len(set(network.shot_of)) < LEAST_SHOTS:
-        what = f"only {len(set(network.shot_of))} shots show a target, expected at least {LEAST_SHOTS}"
+    how = f"drive so that {_LEAST_SHOTS} shots and more show a target, from 1 to 4 m"
+    if len(set(problem.shot_of)) < _LEAST_SHOTS:
+        what = f"only {len(set(problem.shot_of))} shots show a target, expected at least {_LEAST_SHOTS}"
         return MotionAssessment((Finding(Severity.DEGENERATE, "few_sights", what, how),))
-    start = start_motion(network)
+    start = start_motion(problem)
     if start is None:
         what = "a target has a pose in no shot: too few of its corners are seen"
         return MotionAssessment((Finding(Severity.DEGENERATE, "no_pose", what, how),))
     fit = fit_motion(*start)
-    moved = fit.state.camera.translation - network.stated.translation
-    turned = (fit.state.camera.rotation * network.stated.rotation.inv()).as_rotvec()
+    moved = fit.state.camera.translation - problem.stated.translation
+    turned = (fit.state.camera.rotation * problem.stated.rotation.inv()).as_rotvec()
     away = np.concatenate([moved, turned])
     findings = [*_lost(fit), *_difference(fit, away, stated_sigma), *_faults(fit)]
     return MotionAssessment(tuple(findings), fit, away)
@@ -121,14 +219,14 @@ def _faults(fit: MotionFit) -> list[Finding]:
     if abs(state.scale - 1) > max(_SIGMAS * scale, _SCALE):
         what = f"true distances are {state.scale:.4f} +- {scale:.4f} times the odometry's"
         findings.append(Finding(Severity.WARNING, "wheel_scale", what, "correct the wheels' radius by it"))
-    slips = np.abs(fit.network.slips(state)).max(1) * fit.network.drive_scale
+    slips = np.abs(fit.problem.slips(state)).max(1) * fit.problem.drive_scale
     worst = int(np.argmax(slips))
     if slips[worst] > _SLIP:
         what = (
-            f"the odometry jumps by {slips[worst]:.0f} sigma before the shot at {fit.network.times[worst + 1]:.2f} s"
+            f"the odometry jumps by {slips[worst]:.0f} sigma before the shot at {fit.problem.times[worst + 1]:.2f} s"
         )
         findings.append(Finding(Severity.WARNING, "slip", what, "drive slower, on a dry floor"))
-    if fit.network.drive_scale > 2:
-        what = f"the odometry's errors are {fit.network.drive_scale:.1f} times as large as assumed"
+    if fit.problem.drive_scale > 2:
+        what = f"the odometry's errors are {fit.problem.drive_scale:.1f} times as large as assumed"
         findings.append(Finding(Severity.WARNING, "odometry_sigma", what, "state odometry_sigma in targets.yaml"))
     return findings

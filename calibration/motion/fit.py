@@ -6,32 +6,37 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import least_squares
-from scipy.stats import chi2
 
-from calibration.bearing_dlt import cross_matrices
+from calibration.bearings import cross_matrices
 from calibration.degeneracy import LIMITS
-from calibration.motion.network import CAMERA_PRIOR, DELAY_PRIOR, MotionNetwork, MotionState
-from calibration.network import CAMERA
+from calibration.least_squares import descend, inverse_normal, redundancies, told_factor, within_gate
+from calibration.motion.problem import CAMERA_PRIOR, DELAY_PRIOR, MotionProblem, MotionState
+from calibration.mounting.fit import LEAST_BEARING_SCALE
+from calibration.mounting.problem import CAMERA
 from palletloc.geometry import FloatArray
 
-_GATE, _LEAST_SIGHT_SCALE, _LEVEL = 4.0, 0.5, 0.01
 _NOTICED = np.array([0.001, 0.001, 0.001, *np.radians([0.03, 0.03, 0.03])])
+"""Changes of the mounting that a drive notices at best, in metres and radians: smaller ones count as not seen."""
 _SECOND_ORDER = np.array([0.0005, 0.0005, 0.0005, *np.radians([0.01, 0.01, 0.01])])
-_OPEN = 10.0  # times 50 mm and 2 degrees: how far a stated mounting may be off at all
+"""What a lost turn that is held at a wrong value does to the others, in metres and radians."""
+_OPEN = 10.0
+"""How far a stated mounting may be off along a lost direction, times 50 mm and 2 degrees."""
+_BOARD_STEP, _POSE_STEP = (0.01, 0.01, 0.01, 0.005, 0.005, 0.005), (0.01, 0.01, 0.005)
+"""Small steps of a target's pose and of the forklift's, in metres and radians: they scale the unknowns."""
+_DIFFERENCE = 1e-6
+"""Step of the derivatives, in metres and radians: far above rounding, far below any curvature."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionFit:
     """What a drive tells."""
 
-    network: MotionNetwork
+    problem: MotionProblem
     """The observations that it rests on."""
     state: MotionState
     """Values; along lost directions they are about as stated."""
     covariance: FloatArray
-    """(6, 6) of the camera, in metres and radians; half a metre or
-     20 degrees along directions that the motion loses."""
+    """(6, 6) of the camera, in metres and radians; half a metre or 20 degrees along lost directions."""
     fault_sigma: FloatArray
     """(3,) standard deviations of wheel scale, yaw rate's bias and delay."""
     kernel: FloatArray
@@ -48,12 +53,12 @@ class MotionFit:
         return vectors[:, values <= 1], vectors[:, values > 1]
 
 
-def fit_motion(network: MotionNetwork, start: MotionState) -> MotionFit:
+def fit_motion(problem: MotionProblem, start: MotionState) -> MotionFit:
     """Fit mounting, targets, way and the odometry's faults together.
 
     Parameters
     ----------
-    network : MotionNetwork
+    problem : MotionProblem
         With scales of one.
     start : MotionState
         Rough values.
@@ -64,16 +69,16 @@ def fit_motion(network: MotionNetwork, start: MotionState) -> MotionFit:
         With the scales that the residuals tell.
     """
     # What the motion cannot tell must not wander: far away, the equations bend the rest along.
-    network = replace(network, held=lost_by_motion(network, start))
-    state = _descend(network, start, "soft_l1")
-    network = _inliers(network, state)
-    state = _descend(network, state, "linear")
-    jacobian = _jacobian(network, state)
-    network = _weighed(network, state, jacobian)
-    state = _descend(network, state, "linear")
-    jacobian = _jacobian(network, state)
-    covariance = np.linalg.inv(jacobian.T @ jacobian)
-    kernel = network.held
+    problem = replace(problem, held=lost_by_motion(problem, start))
+    state = _descend(problem, start, "soft_l1")
+    problem = _inliers(problem, state)
+    state = _descend(problem, state, "linear")
+    jacobian = _jacobian(problem, state)
+    problem = _weighed(problem, state, jacobian)
+    state = _descend(problem, state, "linear")
+    jacobian = _jacobian(problem, state)
+    covariance = inverse_normal(jacobian)
+    kernel = problem.held
     camera = covariance[:CAMERA, :CAMERA]
     huge = LIMITS[:, None] * kernel * _OPEN
     faults = np.sqrt(np.diag(covariance)[CAMERA : CAMERA + 3])
@@ -81,10 +86,10 @@ def fit_motion(network: MotionNetwork, start: MotionState) -> MotionFit:
     if kernel.shape[1] > 1:
         # A turn that is held at a wrong value bends the others in second order; a height does not.
         camera = camera + np.diag(_SECOND_ORDER**2)
-    return MotionFit(network, state, camera, faults, kernel)
+    return MotionFit(problem, state, camera, faults, kernel)
 
 
-def lost_by_motion(network: MotionNetwork, state: MotionState) -> FloatArray:
+def lost_by_motion(problem: MotionProblem, state: MotionState) -> FloatArray:
     """Return the directions of the mounting that commute with all motions, (6, j), in units of `LIMITS`.
 
     A turn and shift of the camera is not seen if it is the same before and after each motion of the forklift, for
@@ -92,7 +97,7 @@ def lost_by_motion(network: MotionNetwork, state: MotionState) -> FloatArray:
 
     Parameters
     ----------
-    network : MotionNetwork
+    problem : MotionProblem
         With the heights.
     state : MotionState
         With the way.
@@ -108,7 +113,7 @@ def lost_by_motion(network: MotionNetwork, state: MotionState) -> FloatArray:
     change[:, :3, 3:] = cross_matrices(place) @ turn
     change = (change - np.eye(6)) / _NOTICED[:, None] / np.sqrt(len(x))
     rows = [change.reshape(-1, 6)]
-    for k, height in network.heights.items():
+    for k, height in problem.heights.items():
         lever = _in_forklift(state.poses[0], state.boards[k][:3, 3])
         rows.append(np.array([[0.0, 0.0, 1.0, lever[1], -lever[0], 0.0]]) / max(height.sigma, _NOTICED[2]))
     # As steps of the camera: a turn about the forklift's origin carries the camera along.
@@ -127,64 +132,41 @@ def _in_forklift(pose: FloatArray, point: FloatArray) -> FloatArray:
     )
 
 
-def _descend(network: MotionNetwork, start: MotionState, loss: Literal["linear", "soft_l1"]) -> MotionState:
-    shots, targets = len(network.times), network.targets
-    board = [0.01, 0.01, 0.01, 0.005, 0.005, 0.005]
-    faults = [network.scale_sigma / 5, network.noise.bias, DELAY_PRIOR / 5]
-    scale = np.concatenate(
-        [CAMERA_PRIOR / 10, faults, np.tile([0.01, 0.01, 0.005], shots - 1), np.tile(board, targets)]
+def _descend(problem: MotionProblem, start: MotionState, loss: Literal["linear", "soft_l1"]) -> MotionState:
+    faults = [problem.scale_sigma / 5, problem.noise.bias, DELAY_PRIOR / 5]
+    poses = np.tile(_POSE_STEP, len(problem.times) - 1)
+    scale = np.concatenate([CAMERA_PRIOR / 10, faults, poses, np.tile(_BOARD_STEP, problem.targets)])
+    return descend(problem.residuals, start, scale, loss, evaluations=30)
+
+
+def _jacobian(problem: MotionProblem, state: MotionState) -> FloatArray:
+    steps = _DIFFERENCE * np.eye(problem.size)
+    return np.stack(
+        [
+            (problem.residuals(state.moved(step)) - problem.residuals(state.moved(-step))) / (2 * _DIFFERENCE)
+            for step in steps
+        ],
+        axis=1,
     )
 
-    def residuals(step: FloatArray) -> FloatArray:
-        return network.residuals(start.moved(step))
 
-    found = least_squares(
-        residuals,
-        np.zeros(network.size),
-        loss=loss,
-        f_scale=2.0,
-        x_scale=scale,
-        max_nfev=30,
-        xtol=1e-8,
-        ftol=1e-8,
-    )
-    return start.moved(np.asarray(found.x))
+def _inliers(problem: MotionProblem, state: MotionState) -> MotionProblem:
+    """Return the problem without corners beyond four robust standard deviations."""
+    good = within_gate(problem.residuals(state)[: problem.image_rows].reshape(-1, 2))
+    ends = np.cumsum([len(corners.points) for corners in problem.observations])[:-1]
+    parts = zip(problem.observations, np.split(good, ends), strict=True)
+    return replace(problem, observations=tuple(corners.kept(chosen) for corners, chosen in parts))
 
 
-def _jacobian(network: MotionNetwork, state: MotionState) -> FloatArray:
-    columns = []
-    for index in range(network.size):
-        step = np.zeros(network.size)
-        step[index] = 1e-6
-        columns.append((network.residuals(state.moved(step)) - network.residuals(state.moved(-step))) / 2e-6)
-    return np.stack(columns, axis=1)
-
-
-def _inliers(network: MotionNetwork, state: MotionState) -> MotionNetwork:
-    """Return the network without corners beyond four robust standard deviations."""
-    off = network.residuals(state)[: network.image_rows].reshape(-1, 2)
-    length = np.linalg.norm(off, axis=1)
-    gate = _GATE * max(1.0, float(np.median(length)) / 1.1774)
-    ends = np.cumsum([len(sight.points) for sight in network.sights])[:-1]
-    sights = tuple(
-        replace(s, points=s.points[c], bearings=s.bearings[c], origins=s.origins[c], sigma=s.sigma[c])
-        for s, c in zip(network.sights, np.split(length < gate, ends), strict=True)
-    )
-    return replace(network, sights=sights)
-
-
-def _weighed(network: MotionNetwork, state: MotionState, jacobian: FloatArray) -> MotionNetwork:
-    """Return the network with the factors on standard deviations that the residuals tell."""
-    squares = network.residuals(state) ** 2
-    inverse = np.linalg.inv(jacobian.T @ jacobian)
-    left = 1 - np.einsum("ij,jk,ik->i", jacobian, inverse, jacobian)
-    split = network.image_rows
-    drive = slice(split, split + 3 * (len(network.times) - 1))
-    sight = float(np.sqrt(squares[:split].sum() / left[:split].sum()))
-    total, free = float(squares[drive].sum()), float(left[drive].sum())
-    wrong = free > 1 and total > chi2.isf(_LEVEL, free)
+def _weighed(problem: MotionProblem, state: MotionState, jacobian: FloatArray) -> MotionProblem:
+    """Return the problem with the factors on standard deviations that the residuals tell."""
+    squares = problem.residuals(state) ** 2
+    left = redundancies(jacobian, inverse_normal(jacobian))
+    split = problem.image_rows
+    drive = slice(split, split + 3 * (len(problem.times) - 1))
+    bearing = float(np.sqrt(squares[:split].sum() / left[:split].sum()))
     return replace(
-        network,
-        sight_scale=max(sight, _LEAST_SIGHT_SCALE),
-        drive_scale=max(1.0, float(np.sqrt(total / free))) if wrong else 1.0,
+        problem,
+        bearing_scale=max(bearing, LEAST_BEARING_SCALE),
+        drive_scale=told_factor(float(squares[drive].sum()), float(left[drive].sum())),
     )

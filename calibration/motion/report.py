@@ -1,59 +1,104 @@
-"""The report of a drive past targets: one page of HTML that needs nothing but itself, and the same as JSON."""
+"""What there is to say of a drive past targets."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from calibration.degeneracy import LIMITS, NAMES, in_words
-from calibration.finding_table import finding_data, finding_parts
-from calibration.motion.assessment import MotionAssessment
-from calibration.motion.figure import motion_figure
+from calibration.drive import compose
+from calibration.motion.assessment import MotionResult
 from calibration.motion.fit import MotionFit
-from palletloc.drawing.canvas import small_png
-from palletloc.report.page import Column, embedded, heading, page, paragraph, picture, table
+from calibration.report_figure import HEAD, titled_figure, wide_axes
+from calibration.result_page import (
+    Drawing,
+    Findings,
+    Heading,
+    JsonValues,
+    Output,
+    ResultPage,
+    Section,
+    Table,
+    numbers,
+    words,
+)
+from calibration.rig_file import rig_text
+from palletloc.drawing.canvas import FAINT, GRID, INK, SERIES, add_legend
+from palletloc.geometry import FloatArray
+from palletloc.io.camera_spec import spec_from_camera
 
-_VERDICT = {
+_DEGREE = "\N{DEGREE SIGN}"
+"""Sign of the texts."""
+_VERDICTS = {
     0: "The drive confirms the mounting.",
     1: "The drive contradicts the mounting, or tells too little.",
     3: "The drive tells only a part of the mounting.",
 }
+"""By exit code."""
+_SIGMAS = 3.0
+"""Lines in the figure of the odometry's steps, in standard deviations."""
 
 
-def motion_rows(assessment: MotionAssessment) -> list[list[str]]:
-    """Return name, found minus stated, and standard deviation of the six numbers, as texts."""
-    fit, away = assessment.fit, assessment.away
+def motion_page(result: MotionResult) -> ResultPage:
+    """Return what a drive tells as all outputs show it.
+
+    Parameters
+    ----------
+    result : MotionResult
+        From `calibrate_motion`.
+    """
+    content = None if result.mounting is None else rig_text(spec_from_camera(result.camera), result.mounting)
+    heading = "What the drive tells about the mounting"
+    return ResultPage(
+        "palletloc calibrate extrinsics --motion", heading, _VERDICTS, tuple(_sections(result)), content
+    )
+
+
+def _sections(result: MotionResult) -> Iterator[Section]:
+    yield Findings(result.findings, "Nothing is left to do.")
+    fit, away = result.assessment.fit, result.assessment.away
     if fit is None or away is None:
-        return []
+        return
+    yield from _directions(fit)
+    yield from _mounting(fit, away)
+    yield Heading("Directions")
+    yield Table((*words("", "direction"), *numbers("sigma")), _direction_rows(fit))
+    yield Drawing(partial(_figure, fit), "The way, and what is left after the fit.")
+    yield from _odometry(fit)
+
+
+def _directions(fit: MotionFit) -> Iterator[Section]:
+    known, lost = fit.split()
+    for name, part in (("lost_directions", lost), ("known_directions", known)):
+        yield JsonValues({name: [in_words(direction) for direction in part.T]})
+
+
+def _mounting(fit: MotionFit, away: FloatArray) -> Iterator[Section]:
+    told = fit.sigma <= LIMITS
+    yield JsonValues({"order": list(NAMES)})
+    for key, values in (("found_minus_stated", away), ("sigma", fit.sigma)):
+        yield JsonValues({key: [float(v) if known else None for v, known in zip(values, told, strict=True)]})
     rows = []
     for i, name in enumerate(NAMES):
-        factor, unit = (1000.0, " mm") if i < 3 else (float(np.degrees(1.0)), "\N{DEGREE SIGN}")
-        known = fit.sigma[i] <= LIMITS[i]
-        cells = (
-            [f"{factor * away[i]:+.2f}{unit}", f"{factor * fit.sigma[i]:.2f}{unit}"] if known else ["not told", ""]
-        )
-        rows.append([name, *cells])
-    return rows
+        factor, unit = (1000.0, " mm") if i < 3 else (float(np.degrees(1.0)), _DEGREE)
+        found = (f"{factor * away[i]:+.2f}{unit}", f"{factor * fit.sigma[i]:.2f}{unit}")
+        rows.append((name, *(found if told[i] else ("not told", ""))))
+    yield Heading("Mounting")
+    yield from _table(("", "found minus stated", "sigma"), rows)
 
 
-def fault_rows(assessment: MotionAssessment) -> list[list[str]]:
-    """Return name, value and standard deviation of the odometry's faults, as texts."""
-    fit = assessment.fit
-    if fit is None:
-        return []
-    scale, bias, delay = fit.fault_sigma
-    state = fit.state
-    return [
-        ["wheel scale", f"{state.scale:.4f}", f"{scale:.4f}"],
-        ["yaw rate's bias deg/s", f"{np.degrees(state.bias):+.3f}", f"{np.degrees(bias):.3f}"],
-        ["time offset ms", f"{1000 * state.delay:+.0f}", f"{1000 * delay:.0f}"],
-    ]
+def _table(terminal: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> Iterator[Section]:
+    """Yield a table for the page, and the same for the terminal, where its first column stands at the right."""
+    yield Table((*words(""), *numbers(*terminal[1:])), tuple(rows))
+    yield Table(numbers(*terminal), tuple(rows), Output.TERMINAL)
 
 
-def direction_rows(fit: MotionFit) -> list[list[str]]:
-    """Return what the drive tells and what it loses, as texts: the sense, the direction in words, its sigma."""
+def _direction_rows(fit: MotionFit) -> tuple[tuple[str, ...], ...]:
+    """Return what the drive tells and what it loses: the sense, the direction in words, its sigma."""
     rows = []
     covariance = fit.covariance / np.outer(LIMITS, LIMITS)
     for name, part in zip(("told", "lost"), fit.split(), strict=True):
@@ -61,56 +106,82 @@ def direction_rows(fit: MotionFit) -> list[list[str]]:
             moved = part[:, i] * LIMITS
             sigma = float(np.sqrt(part[:, i] @ covariance @ part[:, i]))
             place, turn = 1000 * sigma * np.linalg.norm(moved[:3]), np.degrees(sigma * np.linalg.norm(moved[3:]))
-            text = f"{place:.1f} mm with {turn:.2f}\N{DEGREE SIGN}" if name == "told" else "not told"
-            rows.append([name, in_words(part[:, i]), text])
-    return rows
+            text = f"{place:.1f} mm with {turn:.2f}{_DEGREE}" if name == "told" else "not told"
+            rows.append((name, in_words(part[:, i]), text))
+    return tuple(rows)
 
 
-def motion_data(assessment: MotionAssessment) -> dict[str, Any]:
-    """Return the report as plain values for JSON; None for what the drive does not tell."""
-    data: dict[str, Any] = {
-        "format": 1,
-        "exit_code": assessment.exit_code,
-        "reasons": [finding_data(one) for one in assessment.findings],
-    }
-    fit, away = assessment.fit, assessment.away
-    if fit is None or away is None:
-        return data
-    known, lost = fit.split()
-    data["lost_directions"] = [in_words(lost[:, i]) for i in range(lost.shape[1])]
-    data["known_directions"] = [in_words(known[:, i]) for i in range(known.shape[1])]
-    told = fit.sigma <= LIMITS
-    data["order"] = list(NAMES)
-    data["found_minus_stated"] = [float(v) if t else None for v, t in zip(away, told, strict=True)]
-    data["sigma"] = [float(v) if t else None for v, t in zip(fit.sigma, told, strict=True)]
+def _odometry(fit: MotionFit) -> Iterator[Section]:
+    state = fit.state
+    values, sigmas = (state.scale, state.bias, state.delay), [float(sigma) for sigma in fit.fault_sigma]
     names = ("wheel_scale", "yaw_rate_bias_radps", "time_offset_s")
-    values = (fit.state.scale, fit.state.bias, fit.state.delay)
-    data["odometry"] = {
-        name: {"value": value, "sigma": float(sigma)}
-        for name, value, sigma in zip(names, values, fit.fault_sigma, strict=True)
+    pairs = zip(names, values, sigmas, strict=True)
+    yield JsonValues({"odometry": {name: {"value": value, "sigma": sigma} for name, value, sigma in pairs}})
+    problem = fit.problem
+    yield JsonValues({"sight_factor": problem.bearing_scale, "odometry_factor": problem.drive_scale})
+    yield Heading("Odometry")
+    scale, bias, delay = sigmas
+    rows = [
+        ("wheel scale", f"{state.scale:.4f}", f"{scale:.4f}"),
+        ("yaw rate's bias deg/s", f"{np.degrees(state.bias):+.3f}", f"{np.degrees(bias):.3f}"),
+        ("time offset ms", f"{1000 * state.delay:+.0f}", f"{1000 * delay:.0f}"),
+    ]
+    yield from _table(("odometry", "value", "sigma"), rows)
+
+
+def _figure(fit: MotionFit) -> Figure:
+    """Draw the way, what is left of the bearings, and where the odometry jumps."""
+    line = "Below: bearings and the odometry's increments against the fit, in standard deviations"
+    figure = titled_figure(980, "The drive from above, and what is left in each shot", line)
+    plan, bearings, steps = (wide_axes(figure, high, HEAD + top) for high, top in ((400, 0), (170, 445), (170, 660)))
+    _draw_way(plan, fit)
+    _draw_bearings(bearings, fit)
+    _draw_steps(steps, fit)
+    add_legend(figure, 945, plan, bearings, steps, columns=6)
+    return figure
+
+
+def _shot_rms(fit: MotionFit) -> FloatArray:
+    """Return the rms of the bearings' residuals of each shot, (n,), in standard deviations; NaN without any."""
+    problem = fit.problem
+    off = problem.residuals(fit.state)[: problem.image_rows].reshape(-1, 2)
+    square = np.bincount(problem.rows.shot, (off**2).sum(axis=1) / 2, len(problem.times))
+    count = np.bincount(problem.rows.shot, minlength=len(problem.times))
+    return np.asarray(np.sqrt(np.where(count > 0, square / np.maximum(count, 1), np.nan)))
+
+
+def _draw_way(axes: Axes, fit: MotionFit) -> None:
+    state = fit.state
+    camera = np.array([*state.camera.translation[:2], 0.0])
+    eyes = compose(state.poses, np.tile(camera, (len(state.poses), 1)))
+    axes.plot(state.poses[:, 0], state.poses[:, 1], "-o", color=FAINT, markersize=3, linewidth=1, label="forklift")
+    axes.plot(eyes[:, 0], eyes[:, 1], "o", color=SERIES[0], markersize=4, label="camera at the shots")
+    axes.plot(state.boards[:, 0, 3], state.boards[:, 1, 3], "s", color=SERIES[1], markersize=8, label="target")
+    seen = {
+        (int(shot), corners.target)
+        for shot, corners in zip(fit.problem.shot_of, fit.problem.observations, strict=True)
     }
-    data["sight_factor"], data["odometry_factor"] = fit.network.sight_scale, fit.network.drive_scale
-    return data
+    for shot, target in seen:
+        x, y = zip(eyes[shot, :2], state.boards[target, :2, 3], strict=True)
+        axes.plot(x, y, color=GRID, linewidth=0.7, zorder=0)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set(xlabel="x of odom (m)", ylabel="y of odom (m)")
+    axes.grid(color=GRID, linewidth=0.6)
 
 
-def motion_page(assessment: MotionAssessment) -> str:
-    """Return the report as a page of HTML."""
-    return page("palletloc calibrate extrinsics --motion", _parts(assessment))
+def _draw_bearings(axes: Axes, fit: MotionFit) -> None:
+    axes.bar(fit.problem.times, _shot_rms(fit), 0.1, color=SERIES[0], label="bearings, rms")
+    axes.axhline(1.0, color=INK, linewidth=0.8)
+    axes.set(ylabel="bearings (sigma)")
+    axes.grid(color=GRID, linewidth=0.6)
 
 
-def _parts(assessment: MotionAssessment) -> Iterator[str]:
-    yield heading("What the drive tells about the mounting", level=1)
-    yield paragraph(_VERDICT[assessment.exit_code], "lead")
-    yield from finding_parts(assessment.findings, "Nothing is left to do.")
-    if assessment.fit is None:
-        return
-    yield heading("Mounting")
-    first = Column("", is_text=True)
-    yield table((first, Column("found minus stated"), Column("sigma")), motion_rows(assessment))
-    yield heading("Directions")
-    yield table((first, Column("direction", is_text=True), Column("sigma")), direction_rows(assessment.fit))
-    yield picture(
-        embedded(small_png(motion_figure(assessment.fit))), "The way, and what is left after the fit.", keep_wide=True
-    )
-    yield heading("Odometry")
-    yield table((first, Column("value"), Column("sigma")), fault_rows(assessment))
+def _draw_steps(axes: Axes, fit: MotionFit) -> None:
+    middles = (fit.problem.times[1:] + fit.problem.times[:-1]) / 2
+    slips = fit.problem.slips(fit.state) * fit.problem.drive_scale
+    for column, name, color in zip(slips.T, ("along", "across", "turn"), SERIES[1:4], strict=True):
+        axes.plot(middles, column, "-o", color=color, markersize=3, linewidth=1, label=f"step {name}")
+    for bound in (-_SIGMAS, _SIGMAS):
+        axes.axhline(bound, color=INK, linewidth=0.8, linestyle="--")
+    axes.set(xlabel="time (s)", ylabel="odometry (sigma)")
+    axes.grid(color=GRID, linewidth=0.6)

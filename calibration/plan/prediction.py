@@ -12,12 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from calibration.assessment import MAX_POSITION_SIGMA, MAX_ROTATION_SIGMA
 from calibration.degeneracy import LIMITS, in_words
-from calibration.network import CAMERA, Network, Poses, Sight, Survey
-from calibration.patches import pixel_density
-from calibration.targets import Pattern
-from calibration.texture_alignment import on_board
+from calibration.mounting.assessment import MAX_POSITION_SIGMA, MAX_ROTATION_SIGMA
+from calibration.mounting.problem import CAMERA, MountingProblem, Poses, SurveyedTarget
+from calibration.mounting.two_centres import LENS_AXIS
+from calibration.targets.observations import CornerObservation
+from calibration.targets.patches import pixel_density
+from calibration.targets.targets import PrintedPattern, on_board
 from palletloc.cameras.protocol import CameraModel
 from palletloc.geometry import FloatArray
 
@@ -25,17 +26,21 @@ ACCEPTED = np.array([MAX_POSITION_SIGMA] * 3 + [MAX_ROTATION_SIGMA] * 3)
 """Standard deviations up to which a calibration passes, in metres and radians."""
 LEAST_MARKER_PX, GOOD_MARKER_PX = 8.0, 15.0
 """Markers that are narrower are not found; those that are narrower than the second are not always found."""
-_LENS_AXIS = np.array([1.0, 0.0, 0.0])
+MOST_OBLIQUE = np.radians(80.0)
+"""A print whose normal is farther off the line of sight is not found, in radians."""
 _OPEN = 1e12
+"""What nothing tells has this variance, in units of `LIMITS`: finite, so that sums and inverses stay so."""
+_EXACT = 100.0
+"""A survey that is so many times as good counts as exact."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannedTarget:
     """One target as it will hang."""
 
-    pattern: Pattern
+    pattern: PrintedPattern
     """What will be printed."""
-    survey: Survey
+    survey: SurveyedTarget
     """Its name, its corners in the forklift frame, and how well they will be surveyed."""
 
 
@@ -56,12 +61,12 @@ class Layout:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PlannedSight:
+class PredictedTarget:
     """How the camera will see one target, and what that gives."""
 
     planned: PlannedTarget
     """The target."""
-    sight: Sight
+    corners: CornerObservation
     """Its corners that the camera sees."""
     distance: float
     """From the camera to the pattern's middle, in metres."""
@@ -77,23 +82,23 @@ class PlannedSight:
     @property
     def found(self) -> bool:
         """Whether the camera will find it."""
-        facing = self.obliqueness < np.radians(80)
-        return bool(len(self.sight.points) >= 4 and facing and self.marker_px >= LEAST_MARKER_PX)
+        facing = self.obliqueness < MOST_OBLIQUE
+        return bool(len(self.corners.points) >= 4 and facing and self.marker_px >= LEAST_MARKER_PX)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Prediction:
+class LayoutPrediction:
     """What a layout will give."""
 
     layout: Layout
     """What was planned."""
-    sights: tuple[PlannedSight, ...]
-    """Of every target."""
+    targets: tuple[PredictedTarget, ...]
+    """How the camera will see each target."""
 
     @property
     def information(self) -> FloatArray:
         """(7, 7) of all targets together."""
-        return _total(self.sights)
+        return _total(self.targets)
 
     @property
     def covariance(self) -> FloatArray:
@@ -118,7 +123,7 @@ class Prediction:
 
     def without(self, index: int) -> FloatArray:
         """Return the standard deviations without one of the targets, (6,)."""
-        rest = _total([one for i, one in enumerate(self.sights) if i != index])
+        rest = _total([target for i, target in enumerate(self.targets) if i != index])
         return np.sqrt(np.diag(covariance(rest[:CAMERA, :CAMERA])))
 
     def lost(self) -> list[str]:
@@ -127,14 +132,14 @@ class Prediction:
         return [in_words(vectors[:, i]) for i in np.argsort(-values) if values[i] > 1]
 
 
-def _total(sights: Iterable[PlannedSight]) -> FloatArray:
+def _total(targets: Iterable[PredictedTarget]) -> FloatArray:
     total = np.zeros((CAMERA + 1, CAMERA + 1))
-    for one in sights:
-        total += one.information
+    for target in targets:
+        total += target.information
     return total
 
 
-def predict(layout: Layout) -> Prediction:
+def predict(layout: Layout) -> LayoutPrediction:
     """Predict what the calibration will state.
 
     Parameters
@@ -144,15 +149,18 @@ def predict(layout: Layout) -> Prediction:
 
     Returns
     -------
-    Prediction
+    LayoutPrediction
         Without scale factors: bearings and survey as good as planned.
     """
-    return Prediction(layout, tuple(_planned_sight(layout, one) for one in layout.targets))
+    return LayoutPrediction(layout, tuple(_predicted(layout, target) for target in layout.targets))
 
 
 def with_exact_survey(layout: Layout) -> Layout:
-    """Return the layout with a survey that is a hundred times as good."""
-    targets = (replace(one, survey=replace(one.survey, sigma=one.survey.sigma / 100)) for one in layout.targets)
+    """Return the layout with a survey that is as good as exact."""
+    targets = (
+        replace(target, survey=replace(target.survey, sigma=target.survey.sigma / _EXACT))
+        for target in layout.targets
+    )
     return replace(layout, targets=tuple(targets))
 
 
@@ -180,24 +188,24 @@ def worst(sigma: FloatArray) -> float:
     return float((sigma / ACCEPTED).max())
 
 
-def planned_network(sights: Iterable[PlannedSight], camera: RigidTransform) -> tuple[Network, Poses]:
+def planned_problem(targets: Iterable[PredictedTarget], camera: RigidTransform) -> tuple[MountingProblem, Poses]:
     """Return the equations that the found targets will give, free of errors, and their solution.
 
     Parameters
     ----------
-    sights : iterable of PlannedSight
+    targets : iterable of PredictedTarget
         Those that are not found are left out.
     camera : RigidTransform
         ``forklift_from_camera``.
     """
-    found = [one for one in sights if one.found]
-    surveys = tuple(one.planned.survey for one in found)
-    numbered = tuple(replace(one.sight, target=k) for k, one in enumerate(found))
-    network = Network(surveys, numbered, (True,) * len(found))
-    return network, Poses(camera, tuple(survey.pose() for survey in surveys))
+    found = [target for target in targets if target.found]
+    surveys = tuple(target.planned.survey for target in found)
+    numbered = tuple(replace(target.corners, target=k) for k, target in enumerate(found))
+    problem = MountingProblem(surveys, numbered, (True,) * len(found))
+    return problem, Poses(camera, tuple(survey.pose() for survey in surveys))
 
 
-def _planned_sight(layout: Layout, planned: PlannedTarget) -> PlannedSight:
+def _predicted(layout: Layout, planned: PlannedTarget) -> PredictedTarget:
     pattern, board = planned.pattern, planned.survey.pose()
     points = on_board(pattern.corners)
     rays = layout.forklift_from_camera.inv().apply(board.apply(points))
@@ -207,7 +215,7 @@ def _planned_sight(layout: Layout, planned: PlannedTarget) -> PlannedSight:
     bearings = (rays - origins) / np.linalg.norm(rays - origins, axis=-1, keepdims=True)
     pixel = _pixel_angle(layout.camera, bearings)
     angle = layout.corner_px * pixel if layout.corner_angle is None else layout.corner_angle
-    sight = Sight(0, points, bearings, origins, np.full(len(points), angle))
+    corners = CornerObservation(0, points, bearings, origins, np.full(len(points), angle))
 
     middle = board.apply(on_board(np.array([[pattern.width, pattern.height]]) / 2))[0]
     away = middle - layout.forklift_from_camera.translation
@@ -216,8 +224,8 @@ def _planned_sight(layout: Layout, planned: PlannedTarget) -> PlannedSight:
     obliqueness = float(np.arccos(np.clip(into @ away / distance, -1, 1)))
     side = float(np.linalg.norm(pattern.marker_corners[0, 1] - pattern.marker_corners[0, 0]))
     marker = side / distance / pixel
-    one = PlannedSight(planned, sight, distance, away / distance, obliqueness, marker, np.zeros((7, 7)))
-    return replace(one, information=_information(one, layout.forklift_from_camera)) if one.found else one
+    target = PredictedTarget(planned, corners, distance, away / distance, obliqueness, marker, np.zeros((7, 7)))
+    return replace(target, information=_information(target, layout.forklift_from_camera)) if target.found else target
 
 
 def _pixel_angle(camera: CameraModel, bearings: FloatArray) -> float:
@@ -228,11 +236,11 @@ def _pixel_angle(camera: CameraModel, bearings: FloatArray) -> float:
     return float(1 / np.nanmedian(density)) if np.isfinite(density).any() else np.inf
 
 
-def _information(one: PlannedSight, camera: RigidTransform) -> FloatArray:
+def _information(target: PredictedTarget, camera: RigidTransform) -> FloatArray:
     """Return what one target tells, after its own pose is eliminated."""
-    network, poses = planned_network([one], camera)
-    lens = network.by_lens_distance(poses, _LENS_AXIS)
-    jacobian = np.insert(network.jacobian(poses), CAMERA, lens, axis=1)
+    problem, poses = planned_problem([target], camera)
+    lens = problem.by_lens_distance(poses, LENS_AXIS)
+    jacobian = np.insert(problem.jacobian(poses), CAMERA, lens, axis=1)
     normal, kept = jacobian.T @ jacobian, CAMERA + 1
     own = np.linalg.solve(normal[kept:, kept:], normal[kept:, :kept])
     information: FloatArray = normal[:kept, :kept] - normal[:kept, kept:] @ own

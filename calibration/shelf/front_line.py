@@ -6,22 +6,34 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.shelf.plane import Foot, PlaneEstimate
+from calibration.shelf.plane import Foot, PlaneEstimate, depth_residuals, robust_plane
 from calibration.shelf.upright_edges import Edges
 from palletloc.geometry import BoolArray, FloatArray, wrap_angle
+from palletloc.robust import HUBER
 
 UPRIGHTS, PALLETS = "uprights", "pallets"
 """Names of the methods."""
-TALL = 0.45
+_TALL = 0.45
 """Part of the height bands that an upright's edge is clear in."""
 _NEAR = 0.008
+"""How far corners of the front stand off one line, in metres, as uprights are set."""
 _SURPRISE = 0.2
+"""What a turn of one standard deviation costs, in parts of the tallest edge: between lines alike the expected one
+wins."""
 _LOOSE_TURN = float(np.radians(1.2))
+"""The heading is known no better, in radians: what pallets tell may be off by as much."""
 _LEAST_SUPPORT = 1.2
+"""A line needs so many times the tallest edge: one edge lies on any line."""
 _POST_DEPTH, _AGAINST = 0.14, 1.5
+"""How deep a post is at most, in metres, and what tall edges just before a line count against it."""
 _TURN_STEPS = np.linspace(-2.5, 2.5, 61)
+"""Turns that are tried, in standard deviations."""
 _BUILT_DEPTH, _BUILT_TURN = 0.006, float(np.radians(0.1))
+"""How far uprights stand off the plane of the front, in metres and radians, as shelves are built."""
+_ROUNDS = 15
+"""Steps of the robust line through pallets: more than the weights need to settle."""
 _PALLET_DEPTH, _PALLET_TURN = 0.03, float(np.radians(1.5))
+"""How far pallets stand off one plane, in metres and radians, as drivers set them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,7 +76,7 @@ def upright_line(
     Behind the front corners of the posts their rear corners form a line as straight, and as clear. The front is the
     line with the most tall edges on it, and with none of them just before it.
     """
-    tall = np.abs(edges.vote) >= TALL
+    tall = np.abs(edges.vote) >= _TALL
     if tall.sum() < 2:
         return None
     right, depth = foot.local(places).T
@@ -124,8 +136,7 @@ def _fitted(
     right, depth = foot.local(places).T
     for _ in range(6):
         into = np.array([np.cos(foot.yaw + turn), np.sin(foot.yaw + turn)])
-        off = np.cos(turn) * depth - np.sin(turn) * right - distance
-        design = np.stack([-np.cos(turn) * right - np.sin(turn) * depth, -np.ones(len(right))], axis=1)
+        off, design = depth_residuals(right, depth, turn, distance)
         across = np.zeros((len(right), 2 * len(right)))
         for i in range(len(right)):
             across[i, 2 * i : 2 * i + 2] = into
@@ -162,21 +173,14 @@ def pallet_line(pallets: FloatArray, covariance: FloatArray, foot: Foot) -> Plan
     right, depth = foot.local(pallets[:, :2]).T
     turned = np.asarray(wrap_angle(pallets[:, 2] - foot.yaw))
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0)).reshape(-1, 3)
-    deep = 1 / np.hypot(_PALLET_DEPTH, sigma[:, :2].max(1))
-    aside = 1 / np.hypot(_PALLET_TURN, sigma[:, 2])
-    turn, distance = 0.0, float(np.median(depth))
-    information = np.eye(2)
-    for _ in range(15):
-        off = np.concatenate([np.cos(turn) * depth - np.sin(turn) * right - distance, turned - turn])
-        design = np.zeros((2 * len(right), 2))
-        design[: len(right), 0] = -np.cos(turn) * right - np.sin(turn) * depth
-        design[: len(right), 1] = -1.0
-        design[len(right) :, 0] = -1.0
-        weight = np.concatenate([deep, aside])
-        weight = weight / np.sqrt(np.maximum(np.abs(off) * weight / 1.5, 1.0))  # Huber's
-        scaled = design * weight[:, None]
-        information = scaled.T @ scaled
-        step = np.linalg.solve(information, -scaled.T @ (off * weight))
-        turn, distance = turn + float(step[0]), distance + float(step[1])
+    sigma = np.concatenate([np.hypot(_PALLET_DEPTH, sigma[:, :2].max(1)), np.hypot(_PALLET_TURN, sigma[:, 2])])
+
+    def residuals(turn: float, distance: float) -> tuple[FloatArray, FloatArray]:
+        off, design = depth_residuals(right, depth, turn, distance)
+        by_turn = np.tile([-1.0, 0.0], (len(right), 1))
+        return np.concatenate([off, turned - turn]), np.concatenate([design, by_turn])
+
+    start = float(np.median(depth))
+    turn, distance, information = robust_plane(residuals, sigma, np.zeros((2, 2)), start, HUBER, _ROUNDS)
     evidence = f"{len(pallets)} pallet{'s' * (len(pallets) > 1)}"
     return PlaneEstimate(PALLETS, turn, distance, information, evidence)

@@ -9,15 +9,26 @@ import numpy as np
 
 from calibration.shelf.line_segments import Segments
 from palletloc.geometry import BoolArray, FloatArray, wrap_angle
+from palletloc.robust import cauchy_weights, reweighted, robust_sigma
 
 _NEAR = float(np.sin(np.radians(3.0)))
+"""Edges that lean by less, as a sine, may be plumb: wrong mountings and leaning loads both stay below."""
 _NEAR_LEVEL = float(np.radians(5.0))
+"""Edges that point by less, in radians, off the direction along the shelf may be level."""
 _PLUMB, _LEVEL = float(np.radians(0.1)), float(np.radians(0.15))
+"""What built edges lack to be plumb, and to be level, in radians; one standard deviation."""
 _BIN = float(np.radians(4.0))
+"""Plumb edges nearer to each other in azimuth, in radians, count as one: both sides of a post."""
 _SECTOR = float(np.radians(20.0))
+"""Width of the parts of the image whose scatter is compared, in radians: a seam is as wide."""
 _LEAST = 8
+"""Edges that a robust fit, or a sector, needs."""
 _LEAST_HEIGHT = 0.08
+"""Level edges nearer to the horizon, as a sine, tell nothing of where they point."""
 _ROUNDS = 20
+"""Rounds of a robust fit: more than the weights need to settle."""
+_LEAST_SCATTER = 1e-3
+"""Of weighed residuals: keeps weights finite where all edges agree exactly."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,16 +96,24 @@ def upright_edges(shots: Sequence[Segments]) -> tuple[FloatArray, FloatArray, Fl
 
 
 def _robust(design: FloatArray, values: FloatArray, weight: FloatArray) -> tuple[FloatArray, float, FloatArray]:
-    """Return the solution, the scatter in units of the weights, and the final weights."""
-    now = weight.copy()
-    solution: FloatArray = np.zeros(design.shape[1])
-    scatter = 1.0
-    for _ in range(_ROUNDS):
-        solution = np.asarray(np.linalg.lstsq(design * now[:, None], values * now, rcond=None)[0], np.float64)
-        off = (values - design @ solution) * weight
-        scatter = max(1.4826 * float(np.median(np.abs(off))), 1e-3)
-        now = weight / (1 + (off / (2 * scatter)) ** 2)
-    return solution, scatter, now
+    """Return the solution, the scatter in units of the weights, and the final weights.
+
+    Cauchy's weights act on residuals, not on their squares: an edge that leans counts even less than by them.
+    """
+
+    def fit(part: FloatArray, _: float) -> FloatArray:
+        now = weight * part
+        return np.asarray(np.linalg.lstsq(design * now[:, None], values * now, rcond=None)[0], np.float64)
+
+    found = reweighted(
+        fit,
+        lambda solution: (values - design @ solution) * weight,
+        cauchy_weights,
+        lambda off: robust_sigma(off, _LEAST_SCATTER),
+        np.ones(len(values)),
+        _ROUNDS,
+    )
+    return found.solution, found.sigma, weight * found.weights
 
 
 def _local_scatter(azimuth: FloatArray, errors: FloatArray) -> FloatArray:
@@ -103,7 +122,7 @@ def _local_scatter(azimuth: FloatArray, errors: FloatArray) -> FloatArray:
     scatter = np.ones(len(azimuth))
     for number in np.unique(sector):
         mine = sector == number
-        scatter[mine] = 1.4826 * np.median(np.abs(errors[mine])) if mine.sum() >= _LEAST else 2.0
+        scatter[mine] = robust_sigma(errors[mine]) if mine.sum() >= _LEAST else 2.0
     return np.maximum(scatter, 0.5)
 
 
@@ -211,7 +230,7 @@ def level_heading(found: Sequence[tuple[LevelDirection, float]]) -> tuple[float,
     first = given[0][0]
     headings = np.array([wrap_angle(heading - first) for heading, _ in given])
     middle = float(np.median(headings))
-    spread = 1.4826 * float(np.median(np.abs(headings - middle)))
+    spread = robust_sigma(headings - middle)
     sigma = float(np.hypot(max(spread, float(np.median([s for _, s in given]))), _LEVEL))
     return float(wrap_angle(first + middle)), sigma
 
@@ -233,7 +252,7 @@ def level_tilt(found: Sequence[tuple[LevelDirection, float]]) -> Tilt | None:
         return None
     given = [edges.rise_along(heading) for edges, heading in found]
     rise, sigma = (float(np.median(values)) for values in zip(*given, strict=True))
-    spread = 1.4826 * float(np.median(np.abs([value - rise for value, _ in given])))
+    spread = robust_sigma(np.array([value - rise for value, _ in given]))
     # The edge rises by the turn about x times its y component minus that about y times its x component.
     heading = float(np.median(np.unwrap([heading for _, heading in found])))
     direction = np.array([np.sin(heading), -np.cos(heading)])

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.patches import pixel_density, sample
+from calibration.targets.patches import pixel_density, sample
 from palletloc.cameras.protocol import CameraModel
 from palletloc.geometry import FloatArray, Image, wrap_angle
 from palletloc.mounting import Mounting
@@ -16,9 +16,13 @@ from palletloc.mounting import Mounting
 REACH = float(np.radians(72.0))
 """How far from straight into the shelf is looked, in radians."""
 _LOW, _HIGH = -1.3, 0.9
+"""Tangents of elevation that the view spans: the floor from 1.5 m on, uprights above the camera."""
 _ROW_STEP = 1.5
+"""Steps of the tangent over those of the azimuth: along an upright less is needed than across."""
 _SMOOTH_PX = 1.5
+"""Blur along the rows before the slope is taken, in columns: below it is noise."""
 _BESIDE = 0.6
+"""What a ridge counts in the columns beside it: edges of several shots meet within one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +47,7 @@ class LevelView:
     @property
     def clear(self) -> float:
         """Slope from which on an edge is clear."""
-        return clear_slope(self.light)
+        return _clear_slope(self.light)
 
     @property
     def columns(self) -> int:
@@ -103,11 +107,11 @@ def level_view(camera: CameraModel, mounting: Mounting, image: Image, towards: f
     slope[blind] = 0.0
     light = float(np.median(seen[valid])) if valid.any() else 0.0
     center = np.asarray(mounting.center, dtype=np.float64)
-    ridge = _ridge(slope / np.float32(clear_slope(light)))
+    ridge = _ridge(slope / np.float32(_clear_slope(light)))
     return LevelView(float(azimuth[0]), step, row_step, slope.astype(np.float64), ridge, light, center)
 
 
-def clear_slope(light: float) -> float:
+def _clear_slope(light: float) -> float:
     """Return the slope from which on an edge is clear: two parts in a hundred of the light."""
     return max(0.5, 0.02 * light)
 

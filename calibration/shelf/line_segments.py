@@ -8,14 +8,17 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from calibration.patches import cut_patch, pixel_density
+from calibration.targets.patches import cut_patch, pixel_density
 from palletloc.cameras.protocol import CameraModel
 from palletloc.geometry import FloatArray, Image
 from palletloc.mounting import Mounting
 
 _LEAST_PX = 40.0
+"""Shorter segments turn too easily, in pixels: by 0.7 degrees at 40."""
 _END_ERROR_PX = 0.35
+"""Standard deviation of a segment's ends across it, in pixels."""
 _CLEAN = 1.0
+"""Blur before segments are looked for, in pixels: against noise and compression."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

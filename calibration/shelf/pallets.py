@@ -17,12 +17,15 @@ from palletloc.localizer import Localizer
 from palletloc.shelf import ShelfPlane
 
 _MIN_SCORE = 0.8
+"""Pallets with a lower score do not count here: a wrong one costs more than a missing one."""
 _NEAR = 0.15
+"""Pallets whose depths differ by less, in metres, stand on one plane."""
 _FIRST_SHOTS = 4
+"""Shots of the wide first look, which is slow."""
 
 
 @dataclass(frozen=True, slots=True)
-class Reach:
+class _Reach:
     """How far a plane may be off."""
 
     depth: float
@@ -33,12 +36,14 @@ class Reach:
 
 _TRIED = tuple((depth, float(np.radians(yaw))) for depth in (-0.3, 0.05, 0.4) for yaw in (-7.0, 0.0, 7.0))
 """Planes that are tried around the user's, by depth and yaw: together they cover half a metre and ten degrees."""
-_FIRST = Reach(0.25, float(np.radians(4.5)))
-_AGAIN, _LAST = Reach(0.15, float(np.radians(4.0))), Reach(0.08, float(np.radians(1.5)))
+_FIRST = _Reach(0.25, float(np.radians(4.5)))
+"""How far planes may be off in the first look: half the distance of those that are tried."""
+_AGAIN, _LAST = _Reach(0.15, float(np.radians(4.0))), _Reach(0.08, float(np.radians(1.5)))
+"""The same in the second look, and once poses are known."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PalletSight:
+class PalletObservation:
     """One pallet in one shot."""
 
     shot: int
@@ -56,12 +61,12 @@ class PalletSight:
         return self.pose.as_array()[[0, 1, 3]]
 
 
-def see_pallets(
+def find_pallets(
     recording: Recording,
     shots: Sequence[int],
     prior: ShelfPlane,
     on_progress: Callable[[str], None] = lambda _: None,
-) -> tuple[list[PalletSight], ShelfPlane]:
+) -> tuple[list[PalletObservation], ShelfPlane]:
     """Localize the pallets of a recording, first widely around a rough plane, then around what that gives.
 
     Parameters
@@ -77,7 +82,7 @@ def see_pallets(
 
     Returns
     -------
-    sights : list of PalletSight
+    sights : list of PalletObservation
         Numbered by their place in `shots`.
     plane : ShelfPlane
         What the second look was given: the prior itself where the first finds no pallet.
@@ -87,7 +92,7 @@ def see_pallets(
     few = [(int(i), shots[i]) for i in spread]
     tried = (_moved(recording, prior, depth, yaw) for depth, yaw in _TRIED)
     first = [sight for plane in tried for sight in _look(recording, few, plane, _FIRST)]
-    plane = rough_plane(recording, shots, first, prior)
+    plane = _rough_plane(recording, shots, first, prior)
     if plane is None:
         return [], prior
     on_progress("localizing pallets")
@@ -105,7 +110,9 @@ def _moved(recording: Recording, prior: ShelfPlane, depth: float, yaw: float) ->
     return replace(prior, x=float(foot[0]), y=float(foot[1]), facing=float(wrap_angle(prior.facing + yaw)))
 
 
-def see_again(recording: Recording, shots: Sequence[int], poses: FloatArray, plane: ShelfPlane) -> list[PalletSight]:
+def find_pallets_again(
+    recording: Recording, shots: Sequence[int], poses: FloatArray, plane: ShelfPlane
+) -> list[PalletObservation]:
     """Localize the pallets of a recording once plane and poses are known well.
 
     Parameters
@@ -121,7 +128,7 @@ def see_again(recording: Recording, shots: Sequence[int], poses: FloatArray, pla
 
     Returns
     -------
-    list of PalletSight
+    list of PalletObservation
         Numbered by their place in `shots`.
     """
     shelves = [plane.seen_from(LevelPose(float(x), float(y), 0.0, float(yaw))) for x, y, yaw in poses]
@@ -129,8 +136,8 @@ def see_again(recording: Recording, shots: Sequence[int], poses: FloatArray, pla
 
 
 def _look(
-    recording: Recording, numbered: Sequence[tuple[int, int]], plane: ShelfPlane, reach: Reach
-) -> list[PalletSight]:
+    recording: Recording, numbered: Sequence[tuple[int, int]], plane: ShelfPlane, reach: _Reach
+) -> list[PalletObservation]:
     moved = replace(recording, shelf=plane)
     shelves = []
     for number, index in numbered:
@@ -140,42 +147,35 @@ def _look(
 
 
 def _localized(
-    recording: Recording, numbered: Sequence[tuple[int, int, ShelfPlane]], reach: Reach
-) -> list[PalletSight]:
+    recording: Recording, numbered: Sequence[tuple[int, int, ShelfPlane]], reach: _Reach
+) -> list[PalletObservation]:
     config = LocalizerConfig()
     detection = replace(config.detection, plane_depth=reach.depth, plane_yaw_deg=float(np.degrees(reach.yaw)))
     config = replace(config, detection=detection)
     localizer = Localizer(recording.models, config=config)
     keep = np.ix_([0, 1, 3], [0, 1, 3])
-    seen: list[PalletSight] = []
+    seen: list[PalletObservation] = []
     for number, index, shelf in numbered:
         try:
             found = localizer.localize(recording.shot(recording.shots[index]), shelf)
         except PalletLocError:  # a shot that cannot be used: too near, or damaged; others may do
             continue
         seen += [
-            PalletSight(number, measurement.model, measurement.forklift_from_pallet, measurement.covariance[keep])
+            PalletObservation(
+                number, measurement.model, measurement.forklift_from_pallet, measurement.covariance[keep]
+            )
             for measurement in found
             if measurement.score >= _MIN_SCORE
         ]
     return seen
 
 
-def rough_plane(
-    recording: Recording, shots: Sequence[int], seen: Sequence[PalletSight], prior: ShelfPlane
+def _rough_plane(
+    recording: Recording, shots: Sequence[int], seen: Sequence[PalletObservation], prior: ShelfPlane
 ) -> ShelfPlane | None:
     """Return the plane that most pallets stand on, by raw odometry; None where there is none.
 
-    Parameters
-    ----------
-    recording : Recording
-        For its odometry.
-    shots : sequence of int
-        What the sights' numbers mean.
-    seen : sequence of PalletSight
-        Some may be wrong.
-    prior : ShelfPlane
-        Gives the levels, and the sides.
+    Some of the sights may be wrong. The prior gives the levels, and the sides.
     """
     if not seen:
         return None

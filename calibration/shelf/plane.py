@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -10,6 +10,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from palletloc.geometry import FloatArray, wrap_angle
+from palletloc.robust import huber_weights
 from palletloc.shelf import ShelfPlane
 
 CHANCE = 0.0027
@@ -170,6 +171,59 @@ def fuse(estimates: Sequence[PlaneEstimate], common: FloatArray | None = None) -
 
 def _vector(estimate: PlaneEstimate) -> FloatArray:
     return np.array([estimate.turn, estimate.distance if np.isfinite(estimate.distance) else 0.0])
+
+
+def depth_residuals(
+    right: FloatArray, depth: FloatArray, turn: float, distance: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return how far places lie behind a plane, (n,), and the derivatives by its turn and distance, (n, 2).
+
+    Parameters
+    ----------
+    right, depth : (n,) array
+        From `Foot.local`.
+    turn, distance : float
+        Of the plane, in radians and metres.
+    """
+    off = np.cos(turn) * depth - np.sin(turn) * right - distance
+    return off, np.stack([-np.cos(turn) * right - np.sin(turn) * depth, -np.ones(len(right))], axis=1)
+
+
+def robust_plane(
+    residuals: Callable[[float, float], tuple[FloatArray, FloatArray]],
+    sigma: FloatArray,
+    prior: FloatArray,
+    distance: float,
+    tuning: float,
+    rounds: int,
+) -> tuple[float, float, FloatArray]:
+    """Return turn, distance and their information of the plane with the least residuals, with Huber's weights.
+
+    Parameters
+    ----------
+    residuals : callable
+        Returns residuals, (n,), and their derivatives, (n, 2), for turn and distance.
+    sigma : (n,) array
+        Standard deviations of the residuals.
+    prior : (2, 2) array
+        Information about both before, around 0.
+    distance : float
+        Where to begin, in metres; the turn begins at 0.
+    tuning : float
+        Residuals beyond this many standard deviations count by their size.
+    rounds : int
+        How many steps are made, each with new weights.
+    """
+    turn = 0.0
+    information = prior
+    for _ in range(rounds):
+        off, design = residuals(turn, distance)
+        root = np.sqrt(huber_weights(off, sigma, tuning)) / sigma
+        scaled = design * root[:, None]
+        information = np.asarray(scaled.T @ scaled + prior)
+        step = np.linalg.solve(information, -scaled.T @ (off * root) - prior @ np.array([turn, distance]))
+        turn, distance = turn + float(step[0]), distance + float(step[1])
+    return turn, distance, information
 
 
 def disagreement(estimates: Sequence[PlaneEstimate]) -> Disagreement | None:

@@ -23,17 +23,29 @@ REACH = 0.15
 SIGMA = 0.05
 """How far the surface with most texture may be from the wanted plane where nothing tells, in metres."""
 _LEAST_APART = 0.02
+"""How far surfaces stand apart at least where other methods tell, in metres."""
 _STEP = 0.01
+"""Between the distances that are tried, in metres: a parabola finds the peak between them."""
 _RESOLUTION, _WINDOW = 0.005, 15
+"""Of the views, in metres, and the side of a window in pixels: 7.5 cm, less than an upright is wide."""
 _ASIDE, _HEIGHTS = 1.0, (0.1, 2.3)
+"""Half the width of the views and their heights, in metres: what shots from both sides see well."""
 _WANTED, _LEAST, _MOST = 0.3, 0.12, 0.6
+"""Baseline of shots that are compared, in parts of the distance: best, least and most. Short ones do not tell
+the distance, on long ones things look different."""
 _MOST_GROUPS = 8
+"""Groups of shots that are compared: more take time and show the same."""
 _ALIKE = 0.9
+"""Windows correlate more where they show the same surface."""
 _TEXTURE, _ACROSS = 0.03, 0.5
+"""Least contrast of a window, in parts of the light, and least part of its variance along the shelf."""
 _LEAST_WINDOWS = 200
+"""Fewer windows tell nothing: their share would scatter by more than a peak is high."""
 _LEAST_SCORE, _ABOVE_FLOOR, _SECOND = 0.03, 2.0, 0.7
+"""A clear peak is higher than the first, than so many times the lower quartile, and has no second above that part
+of it."""
 
-FloatImage = NDArray[np.float32]
+_FloatImage = NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,7 +240,7 @@ def _views(
     images: Sequence[Image],
     poses: FloatArray,
     plane: tuple[Foot, float, float, float],
-) -> Iterator[tuple[FloatImage, NDArray[np.bool_]]]:
+) -> Iterator[tuple[_FloatImage, NDArray[np.bool_]]]:
     """Yield what each shot shows of a part of the plane, and where it shows any."""
     foot, turn, distance, along = plane
     yaw = foot.yaw + turn
@@ -243,7 +255,7 @@ def _views(
         yield view.image.astype(np.float32), view.valid
 
 
-def _agreement(views: Sequence[tuple[FloatImage, NDArray[np.bool_]]]) -> tuple[int, int]:
+def _agreement(views: Sequence[tuple[_FloatImage, NDArray[np.bool_]]]) -> tuple[int, int]:
     """Return how many windows agree, and how many have texture."""
     image, valid = views[0]
     mean, spread = _moments(image)
@@ -264,11 +276,11 @@ def _agreement(views: Sequence[tuple[FloatImage, NDArray[np.bool_]]]) -> tuple[i
     return int((used & (least[apart, apart] > _ALIKE)).sum()), int(used.sum())
 
 
-def _moments(image: FloatImage) -> tuple[FloatImage, FloatImage]:
+def _moments(image: _FloatImage) -> tuple[_FloatImage, _FloatImage]:
     """Return mean and variance of the windows around each pixel."""
     mean = _box(image)
     return mean, np.maximum(_box(image * image) - mean * mean, 0)
 
 
-def _box(image: FloatImage) -> FloatImage:
+def _box(image: _FloatImage) -> _FloatImage:
     return np.asarray(cv2.blur(image, (_WINDOW, _WINDOW)), dtype=np.float32)

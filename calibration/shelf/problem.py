@@ -10,18 +10,23 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from calibration.drive import Drive, compose, relative
-from calibration.shelf.pallets import PalletSight
+from calibration.shelf.pallets import PalletObservation
 from palletloc.geometry import FloatArray, wrap_angle
 
 _JOIN = 0.35
+"""Sights nearer to each other, in metres, are of one pallet: less than half of the width of one."""
 _INFLATION = 2.0
+"""Factor on the variances of the localizer's poses: neighbouring shots err alike."""
 _FLOOR = np.array([0.002, 0.002, 0.0015])
+"""Standard deviations of a pose at least, in metres and radians: what camera model and mounting add."""
 _DRIFT = 3
+"""Unknowns of the odometry: scale, bias, and the mounting's yaw."""
 _ROBUST = 2.0
+"""Residuals well beyond this many standard deviations count by their size (soft l1)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class EdgeSight:
+class EdgeObservation:
     """One vertical edge in one shot."""
 
     shot: int
@@ -42,11 +47,11 @@ class Observed:
     """Odometry."""
     camera: FloatArray
     """(2,) the camera's place in the forklift frame, in metres."""
-    pallets: tuple[PalletSight, ...] = ()
+    pallets: tuple[PalletObservation, ...] = ()
     """Pallets in shots."""
     pallet_of: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp))
     """Which pallet each of them is."""
-    edges: tuple[EdgeSight, ...] = ()
+    edges: tuple[EdgeObservation, ...] = ()
     """Vertical edges in shots."""
 
 
@@ -180,19 +185,21 @@ def _whitener(covariance: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.inv(np.linalg.cholesky(full)))
 
 
-def same_pallets(drive: Drive, sights: Sequence[PalletSight]) -> tuple[list[PalletSight], NDArray[np.intp]]:
+def same_pallets(
+    drive: Drive, sights: Sequence[PalletObservation]
+) -> tuple[list[PalletObservation], NDArray[np.intp]]:
     """Tell which sights show the same pallet, shot by shot along the way.
 
     Parameters
     ----------
     drive : Drive
         Odometry, for its drift is small from one sight of a pallet to the next.
-    sights : sequence of PalletSight
+    sights : sequence of PalletObservation
         In any order.
 
     Returns
     -------
-    sights : list of PalletSight
+    sights : list of PalletObservation
         Those of pallets that are seen at least twice.
     pallet : (n,) array of int
         Which pallet each is.

@@ -5,23 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from calibration.drive import Drive, compose, read_drive
 from calibration.shelf.beam_line import BEAMS, BeamSearch, beam_lines
-from calibration.shelf.edge_sights import measure_edges, triangulated
-from calibration.shelf.front_line import PALLETS, UPRIGHTS, FrontLine, pallet_line, upright_line
+from calibration.shelf.front_line import PALLETS, UPRIGHTS
 from calibration.shelf.gravity_lines import level_direction, level_heading
-from calibration.shelf.level_view import LevelView, level_view
+from calibration.shelf.landmarks import Landmarks, Skipped, motion_refusal, past_pallets, past_uprights
 from calibration.shelf.line_segments import find_segments
-from calibration.shelf.pallets import PalletSight, see_again, see_pallets
 from calibration.shelf.plane import Foot, FusedPlane, PlaneEstimate, fuse
 from calibration.shelf.plane_sweep import REACH, PlaneSweep, sweep_estimate, sweep_plane
-from calibration.shelf.problem import DriveSolution, Observed, same_pallets, solve
-from calibration.shelf.shots import Skipped, motion_refusal, usable_shots
-from calibration.shelf.upright_edges import Edges, find_edges
+from calibration.shelf.problem import DriveSolution, Observed
+from calibration.shelf.upright_edges import Edges
 from calibration.shelf.upright_tags import TAGS, TagsOnUprights, tag_places, tag_plane
 from palletloc.geometry import FloatArray, wrap_angle
 from palletloc.io.recording import Recording
@@ -31,14 +27,15 @@ from palletloc.shelf import ShelfPlane
 LINES = "lines"
 """Name of the method that takes only the heading, from level edges."""
 _LINE_SHOTS = 8
+"""Shots whose level edges are looked for: more take time and show the same edges."""
 _ASIDE = np.radians([-50.0, 0.0, 50.0])
+"""Where patches look, against straight into the shelf, in radians: 60 degrees each, they overlap a little."""
 _BEAM_REACH = 0.1
+"""How far before and behind the front beams are looked for, in metres; it must be known as well."""
 _BESIDE_PALLET = 0.06
+"""How far beside a pallet its load may reach, in metres: a beam is not looked for there."""
 _APART = 0.05
-_NEAR_DEPTH, _FAR_DEPTH = 0.2, 0.6
-_KNOWN_TURN, _ROUGH_TURN = float(np.radians(1.2)), float(np.radians(6.0))
-_BIASES = np.arange(-0.009, 0.0091, 0.001)
-_ROUNDS = 3
+"""How far planes of uprights, pallets and beams stand apart where only one is wanted, in metres."""
 
 
 class Front(StrEnum):
@@ -119,69 +116,91 @@ def survey_shelf(
     ShelfSurvey
         Also where nothing was found.
     """
-    shots = usable_shots(recording)
-    drive = read_drive(recording.odometry, [recording.shots[i].time for i in shots])
-    camera = np.asarray(recording.mounting.center[:2], dtype=np.float64)
-    observed, solution, foot = _pallets(recording, shots, drive, prior, on_progress)
-    pallets = pallet_line(solution.pallets, solution.landmark_covariance()[0], foot)
-    skipped: list[Skipped] = []
-    edges, line = Edges.none(), None
-    refusal = motion_refusal(drive, camera, foot, prior)
-    if refusal is not None:
-        skipped.append(refusal)
-    else:
+    found = past_pallets(recording, prior, on_progress)
+    refusal = motion_refusal(found.observed.drive, found.observed.camera, found.foot, prior)
+    if refusal is None:
         on_progress("looking for uprights")
-        observed, solution, edges, line = _uprights(recording, shots, observed, solution, foot, pallets, prior)
-        if line is None:
-            skipped.append(Skipped(UPRIGHTS, "no_uprights", "no two tall vertical edges line up along the shelf"))
-        pallets = pallet_line(solution.pallets, solution.landmark_covariance()[0], foot)
-    if pallets is None:
-        skipped.append(Skipped(PALLETS, "no_pallets", "no pallet is seen in two shots"))
-    estimates = [estimate for estimate in (None if line is None else line.estimate, pallets) if estimate is not None]
+        found = past_uprights(found)
+    told = _by_landmarks(found, refusal)
     if tags is not None:
-        places = tag_places(recording, shots, solution.poses, tags, on_progress)
-        tagged = tag_plane(places, foot, tags, estimates[0].distance if estimates else foot.described(prior)[1])
-        estimates += [] if tagged is None else [tagged]
-        if tagged is None:
-            skipped.append(Skipped(TAGS, "no_tags", f"no tag of {tags.dictionary} is seen on the front"))
-    rough = fuse(estimates) if estimates else None
-    if rough is not None and rough.covariance[1, 1] < _BEAM_REACH**2:
-        on_progress("looking for beams and level edges")
-        search = BeamSearch(
-            foot, rough.turn, rough.distance, _BEAM_REACH, _stretches(recording, observed, solution, foot)
-        )
-        beams = beam_lines(recording, shots, solution.poses, search, on_progress)
-        if not beams:
-            skipped.append(Skipped(BEAMS, "no_beams", "no beam of a known height, off the camera's, is seen"))
-        lines = _lines(recording, shots, solution.poses, foot, rough.turn)
-        estimates += beams if lines is None else [*beams, lines]
-    estimates = [estimate.apart(0.0 if _tells(estimate, front) else _APART) for estimate in estimates]
+        told = told.with_more(_by_tags(found, tags, told.estimates, on_progress))
+    told = told.with_more(_by_beams_and_lines(found, told.estimates, on_progress))
+    estimates = tuple(estimate.apart(0.0 if _tells(estimate, front) else _APART) for estimate in told.estimates)
     fused = fuse(estimates, _common(recording, estimates)) if estimates else None
     sweep = None
     if fused is not None and fused.covariance[1, 1] < (REACH / 2) ** 2:
         on_progress("moving the plane through its neighbourhood")
-        sweep = sweep_plane(recording, shots, solution.poses, foot, fused.turn, fused.distance)
+        sweep = sweep_plane(recording, found.shots, found.solution.poses, found.foot, fused.turn, fused.distance)
         refined = sweep_estimate(sweep, fused.turn, estimates)
         if refined is not None:
-            estimates.append(refined)
+            estimates = (*estimates, refined)
             fused = fuse(estimates, _common(recording, estimates))
-    members = np.zeros(len(edges.vote)) if line is None else line.members.astype(np.float64)
     return ShelfSurvey(
         recording,
-        tuple(shots),
+        found.shots,
         prior,
         front,
-        foot,
-        observed,
-        solution,
-        _models(recording, observed),
-        replace(edges, places=solution.edges),
-        members,
-        tuple(estimates),
-        tuple(skipped),
+        found.foot,
+        found.observed,
+        found.solution,
+        _models(recording, found.observed),
+        replace(found.edges, places=found.solution.edges),
+        np.zeros(len(found.edges.vote)) if found.line is None else found.line.members.astype(np.float64),
+        estimates,
+        told.skipped,
         fused,
         sweep,
     )
+
+
+class _Told(NamedTuple):
+    """What methods tell, and why others do not."""
+
+    estimates: tuple[PlaneEstimate, ...]
+    skipped: tuple[Skipped, ...] = ()
+
+    def with_more(self, more: _Told) -> _Told:
+        """Return both together."""
+        return _Told(self.estimates + more.estimates, self.skipped + more.skipped)
+
+
+def _by_landmarks(found: Landmarks, refusal: Skipped | None) -> _Told:
+    """Return the planes of uprights and pallets."""
+    pallets, line = found.pallets, found.line
+    skipped = [] if refusal is None else [refusal]
+    if refusal is None and line is None:
+        skipped.append(Skipped(UPRIGHTS, "no_uprights", "no two tall vertical edges line up along the shelf"))
+    if pallets is None:
+        skipped.append(Skipped(PALLETS, "no_pallets", "no pallet is seen in two shots"))
+    planes = (None if line is None else line.estimate, pallets)
+    return _Told(tuple(plane for plane in planes if plane is not None), tuple(skipped))
+
+
+def _by_tags(
+    found: Landmarks, tags: TagsOnUprights, before: Sequence[PlaneEstimate], on_progress: Callable[[str], None]
+) -> _Told:
+    """Return the plane behind tags on the uprights."""
+    places = tag_places(found.recording, found.shots, found.solution.poses, tags, on_progress)
+    near = before[0].distance if before else found.foot.described(found.prior)[1]
+    plane = tag_plane(places, found.foot, tags, near)
+    if plane is None:
+        return _Told((), (Skipped(TAGS, "no_tags", f"no tag of {tags.dictionary} is seen on the front"),))
+    return _Told((plane,))
+
+
+def _by_beams_and_lines(
+    found: Landmarks, before: Sequence[PlaneEstimate], on_progress: Callable[[str], None]
+) -> _Told:
+    """Return the planes of beams and the heading of level edges, once the front is known to 10 cm."""
+    rough = fuse(before) if before else None
+    if rough is None or rough.covariance[1, 1] >= _BEAM_REACH**2:
+        return _Told(())
+    on_progress("looking for beams and level edges")
+    search = BeamSearch(found.foot, rough.turn, rough.distance, _BEAM_REACH, _stretches(found))
+    beams = beam_lines(found.recording, found.shots, found.solution.poses, search, on_progress)
+    missing = Skipped(BEAMS, "no_beams", "no beam of a known height, off the camera's, is seen")
+    lines = _lines(found, rough.turn)
+    return _Told((*beams, *(() if lines is None else (lines,))), () if beams else (missing,))
 
 
 def _tells(estimate: PlaneEstimate, front: Front) -> bool:
@@ -196,21 +215,21 @@ def _models(recording: Recording, observed: Observed) -> tuple[PalletModel, ...]
     return tuple(known[observed.pallets[i].model] for i in first)
 
 
-def _stretches(recording: Recording, observed: Observed, solution: DriveSolution, foot: Foot) -> FloatArray:
+def _stretches(found: Landmarks) -> FloatArray:
     """Return between which places along the shelf each pallet stands, and at what height, (m, 3)."""
-    places = foot.local(solution.pallets[:, :2])[:, 0]
+    observed = found.observed
+    places = found.foot.local(found.solution.pallets[:, :2])[:, 0]
     heights = np.array([sight.pose.z for sight in observed.pallets])
     rows = []
-    for i, (place, model) in enumerate(zip(places, _models(recording, observed), strict=True)):
+    for i, (place, model) in enumerate(zip(places, _models(found.recording, observed), strict=True)):
         half = model.width / 2 + _BESIDE_PALLET
         rows.append((place - half, place + half, float(np.median(heights[observed.pallet_of == i]))))
     return np.array(rows).reshape(-1, 3)
 
 
-def _lines(
-    recording: Recording, shots: list[int], poses: FloatArray, foot: Foot, turn: float
-) -> PlaneEstimate | None:
+def _lines(landmarks: Landmarks, turn: float) -> PlaneEstimate | None:
     """Return the heading of the level edges along the shelf."""
+    recording, shots, poses, foot = landmarks.recording, landmarks.shots, landmarks.solution.poses, landmarks.foot
     found = []
     for i in np.unique(np.linspace(0, len(shots) - 1, min(len(shots), _LINE_SHOTS)).round().astype(int)):
         image = recording.image(recording.shots[shots[i]], gray=True)
@@ -226,95 +245,6 @@ def _lines(
     evidence = f"{sum(edges.segments for edges, _ in found)} level edges in {len(found)} shots"
     off = float(wrap_angle(heading[0] + np.pi / 2 - foot.yaw))
     return PlaneEstimate(LINES, off, float("nan"), np.diag([1 / heading[1] ** 2, 0.0]), evidence)
-
-
-def _pallets(
-    recording: Recording, shots: list[int], drive: Drive, prior: ShelfPlane, on_progress: Callable[[str], None]
-) -> tuple[Observed, DriveSolution, Foot]:
-    """Return the drive past the pallets: seen widely first, then once more by the poses that gives."""
-    camera = np.asarray(recording.mounting.center[:2], dtype=np.float64)
-    sights, _ = see_pallets(recording, shots, prior, on_progress)
-    observed = Observed(drive, camera, *_joined(drive, sights))
-    solution = solve(observed)
-    foot = _foot(solution, camera, prior)
-    line = pallet_line(solution.pallets, solution.landmark_covariance()[0], foot)
-    if line is None:
-        return observed, solution, foot
-    on_progress("localizing pallets once more")
-    plane = replace(foot.plane(line.turn, line.distance), levels=prior.levels)
-    again = _joined(drive, see_again(recording, shots, solution.poses, plane))
-    if len(again[0]) < len(observed.pallets) / 2:
-        return observed, solution, foot
-    observed = Observed(drive, camera, *again)
-    solution = solve(observed)
-    return observed, solution, _foot(solution, camera, prior)
-
-
-def _joined(drive: Drive, sights: Sequence[PalletSight]) -> tuple[tuple[PalletSight, ...], NDArray[np.intp]]:
-    kept, owner = same_pallets(drive, sights)
-    return tuple(kept), owner
-
-
-def _foot(solution: DriveSolution, camera: FloatArray, prior: ShelfPlane) -> Foot:
-    """Return the camera's place at the middle of the way, with the heading that the pallets give."""
-    middle = solution.poses[len(solution.poses) // 2]
-    point = compose(middle, np.array([*camera, 0.0]))[:2]
-    if not len(solution.pallets):
-        return Foot(point, prior.yaw)
-    turned = np.asarray(wrap_angle(solution.pallets[:, 2] - prior.yaw))
-    foot = Foot(point, prior.yaw + float(np.median(turned)))
-    line = pallet_line(solution.pallets, solution.landmark_covariance()[0], foot)
-    return foot if line is None else Foot(point, foot.yaw + line.turn)
-
-
-def _uprights(
-    recording: Recording,
-    shots: list[int],
-    observed: Observed,
-    solution: DriveSolution,
-    foot: Foot,
-    pallets: PlaneEstimate | None,
-    prior: ShelfPlane,
-) -> tuple[Observed, DriveSolution, Edges, FrontLine | None]:
-    rough = foot.plane(pallets.turn, pallets.distance) if pallets else prior
-    poses = solution.poses
-    views = _views(recording, shots, poses, foot, rough)
-    depth = _NEAR_DEPTH if pallets else _FAR_DEPTH
-    if pallets is None:
-        poses = _least_blurred(views, observed.drive, rough)
-    turn_sigma = min(_KNOWN_TURN, 1.5 * pallets.sigma[0]) if pallets else _ROUGH_TURN
-    for _ in range(
-        1 if pallets else _ROUNDS
-    ):  # without pallets the first poses are rough: once more by the solved ones
-        edges = find_edges(views, poses, rough, depth)
-        sights = measure_edges(views, poses, edges, rough.yaw)
-        edges, sights = triangulated(views, poses, edges, sights)
-        if not len(edges.vote):
-            return observed, solution, Edges.none(), None
-        seen = replace(observed, edges=tuple(sights))
-        solution = solve(seen, edges.places)
-        poses = solution.poses
-    line = upright_line(edges, solution.edges, solution.landmark_covariance()[1], foot, turn_sigma)
-    return seen, solution, edges, line
-
-
-def _views(
-    recording: Recording, shots: list[int], poses: FloatArray, foot: Foot, rough: ShelfPlane
-) -> list[LevelView]:
-    distance = max(foot.described(rough)[1], 0.3)
-    views = []
-    for index, pose in zip(shots, poses, strict=True):
-        image = recording.image(recording.shots[index], gray=True)
-        towards = float(wrap_angle(rough.yaw - pose[2]))
-        views.append(level_view(recording.camera, recording.mounting, image, towards, distance))
-    return views
-
-
-def _least_blurred(views: list[LevelView], drive: Drive, rough: ShelfPlane) -> FloatArray:
-    """Return the poses, without the gyroscope's bias, at which most shots agree on upright edges."""
-    tried = [drive.poses(bias=float(bias)) for bias in _BIASES]
-    sharp = [float(np.sort(np.abs(find_edges(views, poses, rough, _FAR_DEPTH).vote))[-12:].sum()) for poses in tried]
-    return tried[int(np.argmax(sharp))]
 
 
 def _common(recording: Recording, estimates: Sequence[PlaneEstimate]) -> FloatArray:

@@ -7,21 +7,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.bearing_dlt import pose_from_bearings
-from calibration.board_detection import SCALES, detect_markers
+from calibration.bearings import pose_from_bearings
 from calibration.drive import compose
-from calibration.observations import observe
-from calibration.shelf.plane import Foot, PlaneEstimate
-from calibration.targets import SingleTag
-from calibration.texture_alignment import on_board
+from calibration.shelf.plane import Foot, PlaneEstimate, depth_residuals, robust_plane
+from calibration.targets.board_detection import SCALES, detect_markers
+from calibration.targets.observations import observe
+from calibration.targets.targets import SingleTag, on_board
 from palletloc.geometry import FloatArray
 from palletloc.io.recording import Recording
 
 TAGS = "tags"
 """Name of the method."""
 _GLUED, _TURN_SIGMA = 0.002, float(np.radians(6.0))
+"""How far tags stand off the front, in metres, and how well the heading is known before, in radians."""
 _NEAR = 0.6
+"""Tags farther from the front, in metres, are elsewhere."""
 _ROUNDS = 8
+"""Steps of the robust line: more than the weights need to settle."""
+_HUBER = 2.0
+"""Residuals beyond this many standard deviations count by their size: looser than usual, for tags are few."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,15 +115,12 @@ def tag_plane(
     if not near.any():
         return None
     right, depth, sigma = right[near], depth[near], np.hypot(_GLUED, spread[near] / 2)
-    turn, along = 0.0, float(np.median(depth))
+
+    def residuals(turn: float, along: float) -> tuple[FloatArray, FloatArray]:
+        return depth_residuals(right, depth, turn, along - tags.offset)
+
     prior = np.diag([1 / _TURN_SIGMA**2, 0.0])
-    information = prior
-    for _ in range(_ROUNDS):
-        off = np.cos(turn) * depth - np.sin(turn) * right + tags.offset - along
-        design = np.stack([-np.cos(turn) * right - np.sin(turn) * depth, -np.ones(len(right))], axis=1)
-        weight = 1 / sigma**2 / np.maximum(np.abs(off) / sigma / 2, 1.0)  # Huber's
-        information = (design * weight[:, None]).T @ design + prior
-        step = np.linalg.solve(information, -design.T @ (weight * off) - prior @ np.array([turn, along]))
-        turn, along = turn + float(step[0]), along + float(step[1])
+    start = float(np.median(depth))
+    turn, along, information = robust_plane(residuals, sigma, prior, start, _HUBER, _ROUNDS)
     evidence = f"{len(right)} tag{'s' * (len(right) > 1)}"
-    return PlaneEstimate(TAGS, turn, along, np.asarray(information), evidence)
+    return PlaneEstimate(TAGS, turn, along, information, evidence)

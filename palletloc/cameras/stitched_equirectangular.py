@@ -14,7 +14,9 @@ from palletloc.cameras.protocol import Projection, Rays
 from palletloc.geometry import BoolArray, FloatArray
 
 _SIGNS = np.array([1.0, -1.0])
+"""Of the lenses' axes along the camera's x."""
 _HALF = np.pi / 2
+"""How far a lens reaches in the image, in radians."""
 
 
 @dataclass(frozen=True, slots=True)

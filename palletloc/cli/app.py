@@ -1,25 +1,27 @@
 """The frame of the command line: which commands there are, and how a command fails.
 
-A command's module is imported when that command is asked for, so that the list of commands appears at once.
+A command's module is imported when that command is asked for, and imports what it works with when it runs, so that
+the list of commands and the help of each appear at once.
 """
 
 from __future__ import annotations
 
 import importlib
-import logging
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from palletloc import __version__
 from palletloc.errors import PalletLocError
 
-_log = logging.getLogger("palletloc")
+if TYPE_CHECKING:
+    import logging
 
 _SUCCESS, _FAILURE, _INTERRUPTED = 0, 1, 130
+"""Exit codes; 128 and the number of the signal is what shells expect of an interrupted program."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +84,7 @@ def run(arguments: Sequence[str], commands: Sequence[Command] = COMMANDS) -> int
         return _INTERRUPTED
     except (PalletLocError, OSError) as error:
         _say(_line(error))
-        _log.debug("where it happened", exc_info=True)
+        _logger().debug("where it happened", exc_info=True)
         return _FAILURE
     return _SUCCESS
 
@@ -124,8 +126,16 @@ def _root(
     ] = False,
 ) -> None:
     """Find pallets on shelves in 360-degree shots and measure their poses."""
+    import logging  # not needed for help
+
     logging.basicConfig(format="%(name)s: %(message)s")
-    _log.setLevel(logging.DEBUG if verbose else logging.WARNING)
+    _logger().setLevel(logging.DEBUG if verbose else logging.WARNING)
+
+
+def _logger() -> logging.Logger:
+    import logging  # not needed for help
+
+    return logging.getLogger("palletloc")
 
 
 def _line(error: PalletLocError | OSError) -> str:

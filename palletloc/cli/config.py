@@ -7,8 +7,6 @@ from typing import Annotated
 
 import typer
 
-from palletloc.io.config_file import format_config, read_config
-
 
 def config(
     file: Annotated[
@@ -21,4 +19,6 @@ def config(
     The output is YAML. Put it into a file, change what you like, delete the rest, and give the file to
     palletloc localize --config.
     """
+    from palletloc.io.config_file import format_config, read_config
+
     typer.echo(format_config(None if file is None else read_config(file)), nl=False)

@@ -4,23 +4,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 import typer
 from rich import box
 from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
-from palletloc.cli.evaluate_batch import Workers, evaluate_batch
 from palletloc.errors import PalletLocError
-from palletloc.evaluation.batch import find_jobs
-from palletloc.evaluation.metrics import METRICS
-from palletloc.evaluation.pose_error import COMPONENTS, Visibility, offsets
+from palletloc.evaluation.batch import (
+    BatchJob,
+    BatchResult,
+    SourceTotals,
+    batch_document,
+    evaluate_in_parallel,
+    find_jobs,
+    pooled,
+)
+from palletloc.evaluation.metrics import METRICS, metrics_text
+from palletloc.evaluation.pose_error import COMPONENTS, EvaluationError, Visibility, offsets
 from palletloc.evaluation.recording import evaluate_recording, write_results
-from palletloc.evaluation.requirement import Requirement
+from palletloc.evaluation.requirement import Requirement, check_requirement
 from palletloc.evaluation.run import (
     INTERPOLATED_LIMIT,
     ComparedRuns,
@@ -34,8 +43,11 @@ from palletloc.evaluation.run_match import NEAREST_LIMIT
 from palletloc.evaluation.statistics import Proportion
 from palletloc.evaluation.time_pairing import TimeRule
 from palletloc.evaluation.truth import RecordingTruth, read_recording_truth, survey_notes
+from palletloc.io.atomic import write_text
 from palletloc.io.recording import Recording
 
+BATCH = "batch.json"
+"""Name of the file about all recordings of a batch."""
 _NOTES = 8
 """How many notes about a survey are printed."""
 _QUANTITIES = (
@@ -97,9 +109,9 @@ def evaluate(
     settings = _settings(max_range, pair, pair_limit, stop_limit, requirement_yaw_deg, requirement_mm)
     if batch is not None and recording is None:
         _check_batch(estimate, workers, scheduler)
-        names = [str(one) for one in estimate]
-        jobs = find_jobs(batch, names, out, settings)
-        evaluate_batch(jobs, batch, out, Workers(workers, scheduler), with_pictures=not no_pictures)
+        jobs = find_jobs(batch, [str(name) for name in estimate], out, settings)
+        work = _Work(workers, scheduler, with_pictures=not no_pictures)
+        _evaluate_batch(jobs, batch, out, work)
     elif recording is None or batch is not None:
         raise typer.BadParameter("expected either RECORDING or --batch DIR", param_hint="RECORDING")
     elif workers is not None or scheduler is not None:
@@ -111,10 +123,10 @@ def evaluate(
 def _check_batch(estimates: Sequence[Path], workers: int | None, scheduler: str | None) -> None:
     if workers is not None and scheduler is not None:
         raise typer.BadParameter("a scheduler has its own workers; expected one of them", param_hint="--workers")
-    for one in estimates:
-        if one.is_absolute():
+    for name in estimates:
+        if name.is_absolute():
             raise typer.BadParameter(
-                f"with --batch expected a name in each recording, got {one}", param_hint="--estimate"
+                f"with --batch expected a name in each recording, got {name}", param_hint="--estimate"
             )
     if len(set(estimates)) < len(estimates):
         raise PalletLocError("--estimate: a run is given twice; expected different runs")
@@ -175,14 +187,21 @@ def _read_runs(folders: Sequence[Path], recording: Recording) -> list[RunFiles]:
     ]
 
 
+def _new_table(title: str, names: Sequence[str], texts: Sequence[str], numbers: Sequence[str]) -> Table:
+    """Return an empty table; the names of recordings and runs may wrap, the other columns do not."""
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), title=title, title_justify="left")
+    for heading in names:
+        table.add_column(heading)
+    for heading in texts:
+        table.add_column(heading, no_wrap=True)
+    for heading in numbers:
+        table.add_column(heading, justify="right", no_wrap=True)
+    return table
+
+
 def _table(runs: Sequence[EvaluatedRun]) -> Table:
     title = "errors: measured minus true, absolute"
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), title=title, title_justify="left")
-    table.add_column("run")
-    table.add_column("source", no_wrap=True)
-    table.add_column("", no_wrap=True)
-    for heading in ("median", "95 %", "largest", "inside"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    table = _new_table(title, ["run"], ["source", ""], ["median", "95 %", "largest", "inside"])
     table.add_column("requirement", no_wrap=True)
     for run in runs:
         label = run.files.name
@@ -198,11 +217,11 @@ def _rows(source: EvaluatedSource) -> Iterator[list[str]]:
     sizes = np.abs(offsets(source.errors))
     check = source.requirement
     for title, column, scale, digits in _QUANTITIES:
-        one = getattr(check, COMPONENTS[column])
+        part = getattr(check, COMPONENTS[column])
         values = sizes[:, column] * scale
         numbers = (np.median(values), np.percentile(values, 95), values.max()) if len(values) else ()
         cells = [f"{value:.{digits}f}" for value in numbers] or [""] * 3
-        yield [title, *cells, _counted(one.proportion), str(one.verdict).replace("_", " ")]
+        yield [title, *cells, _counted(part.proportion), str(part.verdict).replace("_", " ")]
     together = check.together
     yield ["together", "", "", "", _counted(together.proportion), str(together.verdict).replace("_", " ")]
     found = source.detection
@@ -211,27 +230,22 @@ def _rows(source: EvaluatedSource) -> Iterator[list[str]]:
 
 def _compared(compared: Sequence[ComparedRuns]) -> Table:
     title = f"change of the mean absolute error against {compared[0].first}, with its interval"
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), title=title, title_justify="left")
-    table.add_column("run")
-    table.add_column("source", no_wrap=True)
-    table.add_column("", no_wrap=True)
-    for heading in ("change", "from", "to", "better", "worse"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    for one in compared:
+    table = _new_table(title, ["run"], ["source", ""], ["change", "from", "to", "better", "worse"])
+    for runs in compared:
         for number, (title, column, scale, digits) in enumerate(_QUANTITIES):
-            difference = one.comparison.differences.get(COMPONENTS[column])
+            difference = runs.comparison.differences.get(COMPONENTS[column])
             if difference is not None:
                 ends = (difference.mean, difference.low, difference.high)
                 cells = [f"{scale * value:+.{digits + 1}f}" for value in ends]
-                names = ("", "") if number else (one.second, one.source)
+                names = ("", "") if number else (runs.second, runs.source)
                 table.add_row(
                     Text(names[0]), names[1], title, *cells, str(difference.smaller), str(difference.larger)
                 )
     return table
 
 
-def _counted(one: Proportion) -> str:
-    return f"{one.successes} of {one.trials}"
+def _counted(found: Proportion) -> str:
+    return f"{found.successes} of {found.trials}"
 
 
 def _notes(truth: RecordingTruth, settings: Settings) -> list[str]:
@@ -249,3 +263,82 @@ def _remarks(runs: Sequence[EvaluatedRun]) -> list[str]:
         return []
     count = "1 shot has" if len(left_out) == 1 else f"{len(left_out)} shots have"
     return [f"left out: {count} no truth within the limit; {METRICS} lists the times"]
+
+
+class _Work(NamedTuple):
+    """Who evaluates a batch, and how."""
+
+    workers: int | None
+    scheduler: str | None
+    with_pictures: bool
+
+
+def _evaluate_batch(jobs: Sequence[BatchJob], folder: Path, out: Path, work: _Work) -> None:
+    """Evaluate recordings, write what there is about all of them together, and print a table."""
+    results = sorted(_evaluated(jobs, work), key=lambda result: result.name)
+    failed = [result for result in results if result.problem]
+    if len(failed) == len(results):
+        raise EvaluationError(f"{folder}: none of {len(results)} recordings can be evaluated: {failed[0].problem}")
+    settings = jobs[0].settings
+    with Console(stderr=True).status("Drawing"):
+        from palletloc.report.batch_page import INDEX, batch_page  # drawing is slow to import
+
+        page = batch_page(folder, results, settings.requirement)
+    write_text(out / BATCH, metrics_text(batch_document(folder, results, settings)))
+    write_text(out / INDEX, page)
+    stdout = Console()
+    stdout.print(_batch_table(results, settings.requirement))
+    stdout.print(Text(f"look at {out / INDEX}"), soft_wrap=True)
+    if failed:
+        names = ", ".join(result.name for result in failed)
+        count = f"{len(failed)} of {len(results)} recordings"
+        raise EvaluationError(f"{folder}: {count} could not be evaluated: {names}; the others are")
+
+
+def _evaluated(jobs: Sequence[BatchJob], work: _Work) -> Iterator[BatchResult]:
+    """Yield the results as they come, and tell of failures."""
+    from palletloc.report.evaluation_page import report_job  # drawing is slow to import
+
+    console, job = Console(stderr=True), partial(report_job, with_pictures=work.with_pictures)
+    columns = (TextColumn("Evaluating"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+        bar = progress.add_task("", total=len(jobs))
+        for result in evaluate_in_parallel(jobs, work.workers, work.scheduler, job):
+            yield result
+            progress.advance(bar)
+            if result.problem:
+                console.print(Text(f"palletloc: skipped: {result.name}: {result.problem}"), soft_wrap=True)
+
+
+def _batch_table(results: Sequence[BatchResult], requirement: Requirement) -> Table:
+    title = "median / 95 % of the absolute errors"
+    numbers = ["found", _QUANTITIES[0][0], _QUANTITIES[1][0]]
+    table = _new_table(title, ["recording", "run"], ["source"], numbers)
+    table.add_column("", no_wrap=True)
+    for result in results:
+        _add(table, result.name, result.totals, requirement)
+        if result.problem:
+            table.add_row(Text(result.name), "", "skipped")
+    table.add_section()
+    _add(table, "all", pooled(results), requirement)
+    return table
+
+
+def _add(table: Table, name: str, totals: Sequence[SourceTotals], requirement: Requirement) -> None:
+    for number, source in enumerate(totals):
+        verdict = check_requirement(source.offsets, requirement).together.verdict
+        table.add_row(
+            Text("" if number else name),
+            Text(source.run),
+            source.source,
+            f"{len(source.offsets)} of {source.visible}",
+            _sizes(source, _QUANTITIES[0]),
+            _sizes(source, _QUANTITIES[1]),
+            str(verdict).replace("_", " "),
+        )
+
+
+def _sizes(source: SourceTotals, quantity: tuple[str, int, float, int]) -> str:
+    _, column, scale, digits = quantity
+    sizes = scale * np.abs(source.offsets[:, column])
+    return f"{np.median(sizes):.{digits}f} / {np.percentile(sizes, 95):.{digits}f}" if len(sizes) else ""

@@ -5,26 +5,26 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 from rich import box
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from palletloc.candidate import Refusal
 from palletloc.choices import Method
-from palletloc.config import LocalizerConfig
 from palletloc.errors import PalletLocError
-from palletloc.explained import name_candidates
-from palletloc.io.config_file import read_config
-from palletloc.io.starts import ShotStarts
-from palletloc.localizer import Explanation
-from palletloc.recording_run import Job, read_job
 
-_PM, _DEGREE = "\N{PLUS-MINUS SIGN}", "\N{DEGREE SIGN}"
+if TYPE_CHECKING:
+    from palletloc.localizer import Explanation
+    from palletloc.recording_run import Job
+
+_HEADINGS = (
+    *("x m", "y m", "z m", "\N{PLUS-MINUS SIGN} mm", "yaw \N{DEGREE SIGN}"),
+    "\N{PLUS-MINUS SIGN} \N{DEGREE SIGN}",
+)
+"""Of the columns of numbers."""
 
 
 def explain(
@@ -47,6 +47,10 @@ def explain(
     Writes pictures, numbered in the order of the stages, and explain.json with all numbers. Pictures that an
     earlier call left in the folder are replaced.
     """
+    from palletloc.config import LocalizerConfig
+    from palletloc.io.config_file import read_config
+    from palletloc.recording_run import read_job
+
     parameters = LocalizerConfig() if config is None else read_config(config)
     job = _single(read_job(recording, method, parameters, initial), shot)
     explanation = job.explain(0)
@@ -62,6 +66,8 @@ def explain(
 
 def _single(job: Job, number: int) -> Job:
     """Return the job reduced to one shot of the recording."""
+    from palletloc.io.starts import ShotStarts
+
     shots = job.recording.shots
     if not 0 <= number < len(shots):
         raise PalletLocError(
@@ -77,10 +83,15 @@ def _single(job: Job, number: int) -> Job:
 
 
 def _table(explanation: Explanation) -> Table:
+    import numpy as np
+
+    from palletloc.candidate import Refusal
+    from palletloc.explained import name_candidates
+
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     table.add_column("", no_wrap=True)
     table.add_column("model")
-    for heading in ("x m", "y m", "z m", f"{_PM} mm", f"yaw {_DEGREE}", f"{_PM} {_DEGREE}"):
+    for heading in _HEADINGS:
         table.add_column(heading, justify="right", no_wrap=True)
     table.add_column("yaw from")
     for name, fit in name_candidates(explanation):

@@ -6,7 +6,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich import box
@@ -16,11 +16,10 @@ from rich.table import Table
 from rich.text import Text
 
 from palletloc.choices import Method
-from palletloc.config import LocalizerConfig
-from palletloc.io.config_file import read_config
-from palletloc.io.measurements import NoPose
-from palletloc.io.run_folder import Run, RunFolder
-from palletloc.recording_run import Job, ShotOutcome, read_job, work_through
+
+if TYPE_CHECKING:
+    from palletloc.io.run_folder import RunFolder
+    from palletloc.recording_run import Job, ShotOutcome
 
 
 def localize(
@@ -45,6 +44,11 @@ def localize(
 
     Writes measurements.csv, refusals.csv and run.json. A shot that cannot be used is reported and skipped.
     """
+    from palletloc.config import LocalizerConfig
+    from palletloc.io.config_file import read_config
+    from palletloc.io.run_folder import Run, RunFolder
+    from palletloc.recording_run import read_job
+
     parameters = LocalizerConfig() if config is None else read_config(config)
     job = read_job(recording, method, parameters, initial)
     run = Run.of(job.recording, str(method), repr(parameters), initial)
@@ -110,10 +114,10 @@ class Tally:
         """Count a shot, unless it was skipped."""
         if outcome.explanation is None:
             return
-        found = [row.model for row in outcome.rows if not isinstance(row, NoPose)]
+        found = _found(outcome)
         self.pallets.update(found)
         self.without_pose += len(outcome.rows) - len(found)
-        self.refusals.update(f"{one.stage}: {one.reason}" for one in outcome.explanation.refusals)
+        self.refusals.update(f"{refusal.stage}: {refusal.reason}" for refusal in outcome.explanation.refusals)
         self.durations.append(outcome.duration)
 
     def table(self, done: int, skipped: int) -> Table:
@@ -149,6 +153,8 @@ def _add_counts(table: Table, title: str, counts: Counter[str]) -> None:
 
 def _follow(job: Job, output: RunFolder, tally: Tally, console: Console, *, strict: bool, verbose: bool) -> None:
     """Work through the shots; show how far that is where somebody is looking."""
+    from palletloc.recording_run import work_through
+
     columns = (TextColumn("Localizing"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
         bar = progress.add_task("", total=len(job.shots), completed=output.done)
@@ -161,8 +167,15 @@ def _follow(job: Job, output: RunFolder, tally: Tally, console: Console, *, stri
             progress.advance(bar)
 
 
+def _found(outcome: ShotOutcome) -> list[str]:
+    """Return the models of the measured pallets."""
+    from palletloc.io.measurements import NoPose
+
+    return [row.model for row in outcome.rows if not isinstance(row, NoPose)]
+
+
 def _summary(outcome: ShotOutcome) -> str:
-    found = sum(not isinstance(row, NoPose) for row in outcome.rows)
+    found = len(_found(outcome))
     refused = len(outcome.explanation.refusals) if outcome.explanation else 0
     pallets = "1 pallet" if found == 1 else f"{found} pallets"
     return f"{outcome.shot.file}: {pallets}, {refused} refused, {outcome.duration:.2f} s"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich import box
@@ -14,11 +14,12 @@ from rich.table import Table
 from rich.text import Text
 
 from palletloc.errors import PalletLocError
-from palletloc.io.atomic import write_bytes
-from palletloc.pallet import Opening, PalletModel
-from palletloc.pallet_library import find_models, load_library, read_pallets
+
+if TYPE_CHECKING:
+    from palletloc.pallet import Opening, PalletModel
 
 _TIMES = "\N{MULTIPLICATION SIGN}"
+"""Between width and height."""
 
 
 def pallets(
@@ -35,6 +36,8 @@ def pallets(
     ] = None,
 ) -> None:
     """List and draw the pallet models."""
+    from palletloc.pallet_library import find_models, load_library, read_pallets
+
     if draw is not None and draw.suffix.lower() != ".png":
         raise PalletLocError(f"--draw {draw}: expected the name of a .png file")
     user = read_pallets(file) if file is not None else {}
@@ -51,6 +54,7 @@ def pallets(
 
 def _draw(models: Sequence[PalletModel], path: Path) -> None:
     from palletloc.drawing.pallets import pallets_png  # matplotlib takes longer than all the rest
+    from palletloc.io.atomic import write_bytes
 
     write_bytes(path, pallets_png(models))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich import box
@@ -14,14 +14,10 @@ from rich.table import Table
 from rich.text import Text
 
 from palletloc.choices import CameraKind, Illumination, Side
-from palletloc.geometry import Image
-from palletloc.io.recording import Recording, ShotFile, write_recording
-from palletloc.io.truth import TruePallet, Truth
-from palletloc.pallet_library import find_models
-from palletloc.synthetic.aisle import AisleSpec
-from palletloc.synthetic.sensor import Sensor
-from palletloc.synthetic.simulation import Simulation, SimulationSpec
-from palletloc.synthetic.simulation import simulate as draw_simulation
+
+if TYPE_CHECKING:
+    from palletloc.geometry import Image
+    from palletloc.synthetic.simulation import Simulation
 
 
 def simulate(
@@ -47,6 +43,12 @@ def simulate(
     gloss: Annotated[float, typer.Option(min=0, max=1, help="How much the floor mirrors.")] = 0.0,
 ) -> None:
     """Write a synthetic recording with its truth: an approach to a rack, drawn from a seed."""
+    from palletloc.pallet_library import find_models
+    from palletloc.synthetic.aisle import AisleSpec
+    from palletloc.synthetic.rig import Sensor
+    from palletloc.synthetic.simulation import SimulationSpec
+    from palletloc.synthetic.simulation import simulate as draw_simulation
+
     aisle = AisleSpec(
         models=find_models(model or ["epal1-1200"], {}),
         side=side,
@@ -82,6 +84,9 @@ def save_simulation(folder: Path, simulation: Simulation, images: Iterable[Image
     OutputError
         If it cannot be written, or the folder has something in it.
     """
+    from palletloc.io.recording import Recording, ShotFile, write_recording
+    from palletloc.io.truth import TruePallet, Truth
+
     spec = simulation.spec
     translation, rotation = spec.mounting_translation_sigma, spec.mounting_rotation_sigma
     recording = Recording(

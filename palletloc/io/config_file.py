@@ -6,11 +6,15 @@ of packages that build on this one; whoever reads the one passes over the other.
 
 from __future__ import annotations
 
+import ast
+import inspect
+import sys
 import textwrap
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from enum import StrEnum
 from fnmatch import fnmatchcase
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
@@ -20,7 +24,6 @@ from pydantic import AfterValidator, BeforeValidator, Field, create_model
 from pydantic_core import PydanticCustomError
 
 from palletloc.config import LocalizerConfig
-from palletloc.io.field_meanings import field_meanings
 from palletloc.io.yaml_document import Document, Numbers, read_document
 
 _Config = TypeVar("_Config")
@@ -67,7 +70,9 @@ _HEADER = (
     "Parameters of the localization. A file for --config may hold any part of this;"
     " what it leaves out keeps its default."
 )
+"""Comment at the top of a written file."""
 _WIDTH = 100
+"""Of a comment's lines, in characters."""
 
 
 def read_config(path: Path) -> LocalizerConfig:
@@ -117,7 +122,7 @@ def read_section(path: Path, name: str, kind: type[_Config], ranges: Ranges) -> 
         As `read_config`.
     """
     part = _schema(kind, ranges)
-    others = [*get_type_hints(LocalizerConfig), *(one for one in OTHER_SECTIONS if one != name)]
+    others = [*get_type_hints(LocalizerConfig), *(section for section in OTHER_SECTIONS if section != name)]
     keys: dict[str, Any] = {name: (part, Field(default_factory=part))}
     document = read_document(path, _whole(create_model(kind.__name__, __base__=Document, **keys), others))
     return _built(kind, getattr(document, name))
@@ -185,7 +190,7 @@ def _checked(name: str, hint: Any, ranges: Ranges) -> Any:
     """Return the type of a parameter with its checks."""
     if isinstance(hint, type) and issubclass(hint, StrEnum):
         return hint
-    pattern, low, high = next(one for one in ranges if fnmatchcase(name, one[0]))
+    pattern, low, high = next(bounds for bounds in ranges if fnmatchcase(name, bounds[0]))
     if hint is float:
         return Annotated[float, BeforeValidator(Numbers()), AfterValidator(_Range(low, high))]
     if hint is bool:
@@ -256,3 +261,55 @@ def _scalar(value: Any) -> str:
     """Return a value as yaml on one line."""
     plain = list(value) if isinstance(value, tuple) else str(value) if isinstance(value, StrEnum) else value
     return yaml.safe_dump(plain, default_flow_style=True, width=1000).removesuffix("...\n").strip()
+
+
+def field_meanings(kind: type) -> Mapping[str, str]:
+    """Return what a class says about its fields or members.
+
+    Parameters
+    ----------
+    kind : type
+        A dataclass or an enumeration at the top level of its module.
+
+    Returns
+    -------
+    mapping of str to str
+        Docstring by name, on one line; empty where the source is not at hand.
+
+    Examples
+    --------
+    >>> from palletloc.measurement import HeightPrior
+    >>> field_meanings(HeightPrior)["sigma"]
+    'Standard deviation, in metres.'
+    """
+    return _classes(kind.__module__).get(kind.__name__, {})
+
+
+@cache
+def _classes(module: str) -> Mapping[str, Mapping[str, str]]:
+    """Return what the classes of a module say about their fields, by the class's name."""
+    try:
+        tree = ast.parse(inspect.getsource(sys.modules[module]))
+    except (KeyError, OSError, TypeError):  # no such module, or one without a source file
+        return {}
+    return {node.name: _meanings(node) for node in tree.body if isinstance(node, ast.ClassDef)}
+
+
+def _meanings(node: ast.ClassDef) -> Mapping[str, str]:
+    pairs = ((_assigned(statement), _text(follower)) for statement, follower in pairwise(node.body))
+    return {name: text for name, text in pairs if name and text}
+
+
+def _assigned(statement: ast.stmt) -> str:
+    """Return the name that a statement gives a value or a type; empty where it does neither."""
+    match statement:
+        case ast.AnnAssign(target=ast.Name(id=name)) | ast.Assign(targets=[ast.Name(id=name)]):
+            return name
+    return ""
+
+
+def _text(statement: ast.stmt) -> str:
+    match statement:
+        case ast.Expr(value=ast.Constant(value=str(text))):
+            return " ".join(text.split())
+    return ""

@@ -24,7 +24,9 @@ REFUSAL_COLUMNS = ("time_s", "file", "model", "stage", "reason")
 """Header of refusals.csv."""
 
 _RESULT_COLUMNS = MEASUREMENT_COLUMNS[3:]
+"""Empty where a start led to no pose."""
 _UPPER = np.triu_indices(4)
+"""Rows and columns of the covariance's upper triangle, in the order of its columns."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,26 @@ class InputError(PalletLocError):
     """A file that cannot be read, or does not hold what it should."""
 
 
+def require_file(path: Path, expected: str) -> Path:
+    """Return the path of a file that is there.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    expected : str
+        What it should be.
+
+    Raises
+    ------
+    InputError
+        If there is nothing at the path; says what was expected.
+    """
+    if not path.exists():
+        raise InputError(f"{path}: no such file; expected {expected}")
+    return path
+
+
 def read_bytes(path: Path) -> bytes:
     """Read a whole regular file.
 

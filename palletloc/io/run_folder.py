@@ -12,9 +12,8 @@ from types import TracebackType
 from typing import Any, Self
 
 from palletloc import __version__
-from palletloc.io.atomic import cannot_write, write_text
+from palletloc.io.atomic import Journal, cannot_write, write_text
 from palletloc.io.csv_table import write_rows
-from palletloc.io.journal import Journal
 from palletloc.io.measurements import (
     MEASUREMENT_COLUMNS,
     REFUSAL_COLUMNS,

@@ -17,6 +17,7 @@ from palletloc.io.csv_table import shortened
 from palletloc.io.reading import InputError, read_text
 
 _LENGTHS = {"min_length": "least", "max_length": "most"}
+"""What the validator calls bounds of a length, and what a message calls them."""
 
 
 class DocumentError(InputError):
@@ -118,7 +119,7 @@ def read_document(path: Path, schema: type[_Document]) -> _Document:
     DocumentError
         If it is not yaml or does not hold what the schema says; names the line or the key.
     """
-    return checked_document(path, _load(path), schema)
+    return checked_document(path, load_yaml(path), schema)
 
 
 def checked_document(path: Path, content: Any, schema: type[_Document]) -> _Document:
@@ -148,7 +149,16 @@ def checked_document(path: Path, content: Any, schema: type[_Document]) -> _Docu
         raise DocumentError(f"{path}: {_place(fault, content)}{_problem(fault)}") from None
 
 
-def _load(path: Path) -> Any:
+def load_yaml(path: Path) -> Any:
+    """Return what a yaml file holds: plain values only, and no key twice.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read.
+    DocumentError
+        If it is not yaml; names the line.
+    """
     text = read_text(path)
     try:
         # A subclass of the safe loader: plain values only.

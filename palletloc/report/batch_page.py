@@ -11,7 +11,7 @@ import numpy as np
 from palletloc.drawing.canvas import small_png
 from palletloc.evaluation.batch import BatchResult, SourceTotals, pooled
 from palletloc.evaluation.requirement import Requirement, Verdict, check_requirement
-from palletloc.report.batch_figure import batch_figure
+from palletloc.report.error_figures import batch_figure
 from palletloc.report.evaluation_page import REPORT
 from palletloc.report.page import (
     Cell,
@@ -34,10 +34,11 @@ _COLUMNS = (
     Column("run", is_text=True),
     Column("source", is_text=True),
     Column("found"),
-    *(Column(f"{one.label} {one.unit}") for one in QUANTITIES),
+    *(Column(f"{quantity.label} {quantity.unit}") for quantity in QUANTITIES),
     Column("inside"),
     Column("verdict", is_text=True),
 )
+"""Columns of the table of recordings."""
 
 
 def batch_page(folder: Path, results: Sequence[BatchResult], requirement: Requirement) -> str:
@@ -56,8 +57,8 @@ def batch_page(folder: Path, results: Sequence[BatchResult], requirement: Requir
     overall = pooled(results)
     title = f"{folder.resolve().name}: {len(results)} recordings against the truth"
     parts = [heading(title, level=1)]
-    for one in overall:
-        parts += _overall(one, requirement)
+    for totals in overall:
+        parts += _overall(totals, requirement)
     if failed:
         parts.append(heading("Not evaluated"))
         parts += [paragraph(f"{result.name}: {result.problem}") for result in failed]
@@ -73,31 +74,31 @@ def _report(result: BatchResult) -> str:
     return f"{quote(result.name)}/{REPORT}"
 
 
-def _overall(one: SourceTotals, requirement: Requirement) -> Iterator[str]:
-    check = check_requirement(one.offsets, requirement).together
+def _overall(totals: SourceTotals, requirement: Requirement) -> Iterator[str]:
+    check = check_requirement(totals.offsets, requirement).together
     inside = check.proportion
     verdict = {Verdict.MET: "met", Verdict.NOT_MET: "not met"}.get(check.verdict, "undecided")
-    yield paragraph(f"{one.run}, {STYLES[one.source].label}: requirement {verdict}.", "lead")
+    yield paragraph(f"{totals.run}, {STYLES[totals.source].label}: requirement {verdict}.", "lead")
     yield key_figures(
         [
             (f"{inside.successes} of {inside.trials}", f"errors inside, {100 * requirement.share:g} % required"),
-            (f"{len(one.offsets)} of {one.visible}", "pallets found that had to be"),
-            (str(one.false), "estimates where no pallet stands"),
-            (str(one.shots), "shots"),
+            (f"{len(totals.offsets)} of {totals.visible}", "pallets found that had to be"),
+            (str(totals.false), "estimates where no pallet stands"),
+            (str(totals.shots), "shots"),
         ]
     )
 
 
 def _rows(name: Cell, result: BatchResult, requirement: Requirement) -> Iterator[list[Cell]]:
-    for number, one in enumerate(result.totals):
-        check = check_requirement(one.offsets, requirement).together
+    for number, totals in enumerate(result.totals):
+        check = check_requirement(totals.offsets, requirement).together
         inside = check.proportion
         yield [
             "" if number else name,
-            one.run,
-            STYLES[one.source].label,
-            f"{len(one.offsets)} of {one.visible}",
-            *_sizes(one),
+            totals.run,
+            STYLES[totals.source].label,
+            f"{len(totals.offsets)} of {totals.visible}",
+            *_sizes(totals),
             f"{inside.successes} of {inside.trials}",
             str(check.verdict).replace("_", " "),
         ]
@@ -105,9 +106,9 @@ def _rows(name: Cell, result: BatchResult, requirement: Requirement) -> Iterator
         yield [result.name, "", "not evaluated", *[""] * (len(_COLUMNS) - 3)]
 
 
-def _sizes(one: SourceTotals) -> Iterator[str]:
+def _sizes(totals: SourceTotals) -> Iterator[str]:
     for quantity in QUANTITIES:
-        sizes = quantity.scale * np.abs(one.offsets[:, quantity.column])
+        sizes = quantity.scale * np.abs(totals.offsets[:, quantity.column])
         digits = 2 if quantity.column == 3 else 1
         numbers = (np.median(sizes), np.percentile(sizes, 95)) if len(sizes) else ()
         yield " / ".join(f"{value:.{digits}f}" for value in numbers) or "\N{EN DASH}"

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palletloc.drawing.canvas import DEGREE, PLUS_MINUS, SIGMA
 from palletloc.drawing.stages import Picture
 from palletloc.evaluation.pose_error import PoseError
 from palletloc.evaluation.run import SHOTS_SOURCE, EvaluatedRun, EvaluatedSource, Settings
@@ -25,13 +26,28 @@ from palletloc.report.page import (
 )
 from palletloc.report.source_style import DEPTH, QUANTITIES, STYLES, YAW, Quantity
 
-_DEGREE, _PM, _SIGMA = "\N{DEGREE SIGN}", "\N{PLUS-MINUS SIGN}", "\N{GREEK SMALL LETTER SIGMA}"
 _COLUMNS = (
     Column("pallet", is_text=True),
     Column("shot", is_text=True),
     Column("range m"),
-    *(Column(f"{one.label} {one.unit}") for one in QUANTITIES),
+    *(Column(f"{quantity.label} {quantity.unit}") for quantity in QUANTITIES),
 )
+"""Columns of the table of single shots."""
+_TRACKS = (
+    Column("track"),
+    Column("model", is_text=True),
+    Column("shots"),
+    *(Column(name) for name in ("x m", "y m", "z m", f"yaw {DEGREE}", f"{PLUS_MINUS} mm", f"{PLUS_MINUS} {DEGREE}")),
+)
+"""Columns of the table of tracks."""
+_SOURCES = (
+    Column("source", is_text=True),
+    Column("found"),
+    *(Column(f"{quantity.label} {quantity.unit}") for quantity in QUANTITIES),
+    Column(f"within 2 {SIGMA}"),
+    Column("inside"),
+)
+"""Columns of the table of sources."""
 _STEPS = {
     "1-shelf": (
         "Detection. The shot is projected onto the nominal front plane of the shelf, where one metre is one metre"
@@ -49,6 +65,7 @@ _STEPS = {
     ),
     "6-plan": "The result, in the frame of the forklift, with what is uncertain about it.",
 }
+"""What each picture of a step shows, by the beginning of its name."""
 _FILES = (
     (Link("report.html", "report.html"), "the evaluation: verdict, figures, every stage of the worst shots"),
     (Link("metrics.json", "metrics.json"), "the evaluation in numbers"),
@@ -61,6 +78,7 @@ _FILES = (
     ("tracks/, tracks_smoothed/", "the tracks as paths in TUM form"),
     ("pictures/", "the pictures of this page, and explain.json with every number behind them"),
 )
+"""Files beside the page."""
 _OWN = (
     "palletloc track RECORDING --out RUN --smooth            # measurements, and tracks over the shots",
     "palletloc evaluate RECORDING --estimate RUN --out DIR   # errors against the truth, if there is one",
@@ -68,6 +86,7 @@ _OWN = (
     "palletloc pallets                                       # the pallet models that are known",
     "palletloc simulate --out RECORDING                      # a recording to try with",
 )
+"""Commands for a recording of one's own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +128,7 @@ def demo_page(result: DemoResult) -> str:
         What to tell.
     """
     parts = (_summary(result), _steps(result), _tracks(result), _truth(result), _next())
-    return page("palletloc demo", [one for part in parts for one in part])
+    return page("palletloc demo", [html for part in parts for html in part])
 
 
 def _summary(result: DemoResult) -> Iterator[str]:
@@ -126,7 +145,7 @@ def _summary(result: DemoResult) -> Iterator[str]:
     yield key_figures(
         [
             (f"{found.successes} of {found.trials}", "pallets found that had to be, single shots"),
-            (f"{_middle(shots, YAW):.2f}{_DEGREE}", "median error of yaw"),
+            (f"{_middle(shots, YAW):.2f}{DEGREE}", "median error of yaw"),
             (f"{_middle(shots, DEPTH):.1f} mm", "median error of depth"),
             (str(shots.detection.false), "poses where no pallet stands"),
             (f"{result.seconds_per_shot:.2f} s", f"per shot of {width} x {height} pixels"),
@@ -145,7 +164,7 @@ def _steps(result: DemoResult) -> Iterator[str]:
         "Every stage of the shot above. Green is what was measured, yellow what it began with, pink what was given"
         " up. Pallets are named from left to right; the steps are those of one of them."
     )
-    names = [one.stage.removeprefix("4-face-") for one in result.pictures if one.stage.startswith("4-face-")]
+    names = [drawn.stage.removeprefix("4-face-") for drawn in result.pictures if drawn.stage.startswith("4-face-")]
     for stage, text in _STEPS.items():
         alone = stage in ("1-shelf", "6-plan")
         yield _shown(result, stage if alone else f"{stage}-{names[0] if names else 'P1'}", text)
@@ -153,9 +172,9 @@ def _steps(result: DemoResult) -> Iterator[str]:
 
 def _shown(result: DemoResult, stage: str, caption: str) -> str:
     """Return the picture of a stage, or nothing where there is none."""
-    for one in result.pictures:
-        if one.stage == stage:
-            return picture(f"{result.folder}/{one.file}", caption, keep_wide=stage != "5-overlay")
+    for drawn in result.pictures:
+        if drawn.stage == stage:
+            return picture(f"{result.folder}/{drawn.file}", caption, keep_wide=stage != "5-overlay")
     return ""
 
 
@@ -169,14 +188,6 @@ def _tracks(result: DemoResult) -> Iterator[str]:
     yield picture("tracks.png", caption, keep_wide=True)
     yield paragraph("Every track as it was last known, in the frame of the forklift at that time:")
     yield table(_TRACKS, (_track(row) for row in result.tracks))
-
-
-_TRACKS = (
-    Column("track"),
-    Column("model", is_text=True),
-    Column("shots"),
-    *(Column(name) for name in ("x m", "y m", "z m", f"yaw {_DEGREE}", f"{_PM} mm", f"{_PM} {_DEGREE}")),
-)
 
 
 def _track(row: TrackRow) -> list[str]:
@@ -197,7 +208,7 @@ def _truth(result: DemoResult) -> Iterator[str]:
         "Measured minus true: depth is into the shelf, along is to the pallet's left. Median and 95 % of the absolute"
         " errors, how many of all errors lie within two of the standard deviations that the poses state, and how many"
         f" poses are inside what is required by default: {1000 * asked.depth:g} mm and"
-        f" {np.degrees(asked.yaw):g}{_DEGREE}. The evaluation beside this page, report.html, has more."
+        f" {np.degrees(asked.yaw):g}{DEGREE}. The evaluation beside this page, report.html, has more."
     )
     yield table(_SOURCES, (_source(name, source) for name, source in result.sources.items()))
     yield paragraph(
@@ -208,22 +219,13 @@ def _truth(result: DemoResult) -> Iterator[str]:
     yield table(_COLUMNS, (_row(error) for shot in shots for error in (*shot.errors, *shot.beyond)))
 
 
-_SOURCES = (
-    Column("source", is_text=True),
-    Column("found"),
-    *(Column(f"{one.label} {one.unit}") for one in QUANTITIES),
-    Column(f"within 2 {_SIGMA}"),
-    Column("inside"),
-)
-
-
 def _source(name: str, source: EvaluatedSource) -> list[str]:
     found, cells = source.detection.found, []
     for quantity in QUANTITIES:
         sizes = np.abs(quantity.values(source.errors))
         ends = np.percentile(sizes, (50, 95)) if len(sizes) else ()
         cells.append(" / ".join(f"{value:.{_digits(quantity)}f}" for value in ends))
-    within = np.array([np.abs(one.normalised) <= 2 for one in source.errors])
+    within = np.array([np.abs(error.normalised) <= 2 for error in source.errors])
     counted = f"{100 * within.mean():.0f} %" if within.size else ""
     inside = source.requirement.together.proportion
     required = f"{inside.successes} of {inside.trials}"
@@ -238,7 +240,7 @@ def _row(error: PoseError) -> list[str]:
     cells = []
     for quantity in QUANTITIES:
         digits, (value,), (sigma,) = _digits(quantity), quantity.values([error]), quantity.sigmas([error])
-        cells.append(f"{round(value, digits) + 0.0:+.{digits}f} {_PM} {sigma:.{digits}f}")
+        cells.append(f"{round(value, digits) + 0.0:+.{digits}f} {PLUS_MINUS} {sigma:.{digits}f}")
     face = error.face
     return [face.id, error.estimate.file, f"{face.range:.2f}", *cells]
 

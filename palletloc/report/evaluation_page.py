@@ -7,38 +7,45 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from palletloc.drawing.canvas import small_png
+from palletloc.drawing.canvas import DEGREE, small_png
+from palletloc.evaluation.batch import BatchJob, BatchResult, evaluate_job
 from palletloc.evaluation.recording import EvaluatedRecording
 from palletloc.evaluation.requirement import RequirementCheck, Verdict
 from palletloc.evaluation.run import EvaluatedRun, EvaluatedSource, Settings
 from palletloc.evaluation.statistics import chi_square_check
 from palletloc.evaluation.time_pairing import TimeRule
 from palletloc.evaluation.truth import RecordingTruth
-from palletloc.report.aisle_figure import aisle_figure
-from palletloc.report.approach_figure import approach_figure
-from palletloc.report.error_spread_figure import distance_figure, histogram_figure
-from palletloc.report.evaluation_tables import (
+from palletloc.report.approach_figures import aisle_figure, approach_figure
+from palletloc.report.error_figures import distance_figure, histogram_figure
+from palletloc.report.evaluation_sections import (
     GROUPS,
     STOPS,
     comparison_parts,
     distance_rows,
     pallet_rows,
     stop_rows,
+    survey_parts,
 )
 from palletloc.report.page import Column, embedded, folded, heading, key_figures, page, paragraph, picture, table
 from palletloc.report.shot_stages import ShotStages
 from palletloc.report.source_style import QUANTITIES, STYLES
-from palletloc.report.survey_section import survey_parts
 from palletloc.report.worst_shots import WorstShot, worst_shots
 
 REPORT = "report.html"
 """Name of the file."""
-_DEGREE, _SIGMA = "\N{DEGREE SIGN}", "\N{GREEK SMALL LETTER SIGMA}"
 _VERDICTS = {
     Verdict.MET: "The requirement is met",
     Verdict.NOT_MET: "The requirement is not met",
     Verdict.UNDECIDED: "Too few errors to decide on the requirement",
 }
+"""What the page says of each verdict."""
+_SUMMARY = (
+    Column("source", is_text=True),
+    Column("error", is_text=True),
+    *(Column(name) for name in ("bias", "median", "RMS", "95 %", "largest", "inside")),
+    Column("requirement", is_text=True),
+)
+"""Columns of the table of a run."""
 
 
 def evaluation_page(evaluated: EvaluatedRecording, *, with_pictures: bool = True, worst: int | None = None) -> str:
@@ -67,27 +74,52 @@ def evaluation_page(evaluated: EvaluatedRecording, *, with_pictures: bool = True
     return page(f"{name}: evaluation", parts)
 
 
+def report_job(job: BatchJob, *, with_pictures: bool = True) -> BatchResult:
+    """Evaluate one recording and write its metrics.json, errors.csv and report.html.
+
+    Parameters
+    ----------
+    job : BatchJob
+        What to do.
+    with_pictures : bool
+        Whether the report shows the images and stages of the worst shots.
+
+    Returns
+    -------
+    BatchResult
+        With the problem of a recording that cannot be evaluated; what an earlier call wrote for it is removed.
+    """
+
+    def draw(evaluated: EvaluatedRecording) -> dict[str, str]:
+        return {REPORT: evaluation_page(evaluated, with_pictures=with_pictures)}
+
+    result = evaluate_job(job, draw)
+    if result.problem:
+        (job.out / REPORT).unlink(missing_ok=True)
+    return result
+
+
 def _setting(truth: RecordingTruth, run: EvaluatedRun, settings: Settings) -> Iterator[str]:
     asked = settings.requirement
     yield paragraph(
         f"{len(truth.recording.shots)} shots, {len(truth.pallets)} true pallets. A pallet has to be found within"
         f" {settings.visibility.max_range:g} m. Required: depth, along and height within {1000 * asked.depth:g} mm"
-        f" and yaw within {math.degrees(asked.yaw):g}{_DEGREE}, in {100 * asked.share:g} % of all cases, shown at a"
+        f" and yaw within {math.degrees(asked.yaw):g}{DEGREE}, in {100 * asked.share:g} % of all cases, shown at a"
         f" confidence of {100 * asked.confidence:g} %.",
         "lead",
     )
     if truth.path is None:
-        told = f"Truth: the survey at its stops; shots within {settings.stop_limit:g} s of one."
+        text = f"Truth: the survey at its stops; shots within {settings.stop_limit:g} s of one."
     else:
         between = settings.rule is TimeRule.INTERPOLATED
         how = "between samples at most" if between else "by the nearest sample, at most"
-        told = (
+        text = (
             f"Truth: the forklift's path, taken {how} {settings.limit:g} s {'apart' if between else 'away'}"
             f" (largest time to a sample: {run.largest:.3g} s)."
         )
     if run.without_truth:
-        told += f" {len(run.without_truth)} of the shots have no truth and are left out."
-    yield paragraph(told)
+        text += f" {len(run.without_truth)} of the shots have no truth and are left out."
+    yield paragraph(text)
 
 
 def _run(truth: RecordingTruth, run: EvaluatedRun, settings: Settings) -> Iterator[str]:
@@ -122,7 +154,7 @@ def _verdict(label: str, source: EvaluatedSource) -> Iterator[str]:
     check, found = source.requirement, source.detection
     inside = check.together.proportion
     yield paragraph(f"{label[0].upper()}{label[1:]}: {_VERDICTS[check.together.verdict].lower()}.", "lead")
-    nees = chi_square_check([one.nees_with_truth for one in source.errors], 4)
+    nees = chi_square_check([error.nees_with_truth for error in source.errors], 4)
     share = f"{100 * inside.low:.1f} to {100 * inside.high:.1f} %"
     figures = [
         (f"{inside.successes} of {inside.trials}", f"errors inside; {share} at {100 * inside.confidence:g} %"),
@@ -135,20 +167,12 @@ def _verdict(label: str, source: EvaluatedSource) -> Iterator[str]:
     yield key_figures(figures)
 
 
-_SUMMARY = (
-    Column("source", is_text=True),
-    Column("error", is_text=True),
-    *(Column(name) for name in ("bias", "median", "RMS", "95 %", "largest", "inside")),
-    Column("requirement", is_text=True),
-)
-
-
 def _summary(name: str, source: EvaluatedSource) -> Iterator[list[str]]:
     check: RequirementCheck = source.requirement
     for number, quantity in enumerate(QUANTITIES):
         values = quantity.values(source.errors)
         sizes = np.abs(values)
-        one = getattr(check, quantity.label)
+        part = getattr(check, quantity.label)
         numbers = ["\N{EN DASH}"] * 5
         if len(values):
             found = (
@@ -160,8 +184,8 @@ def _summary(name: str, source: EvaluatedSource) -> Iterator[list[str]]:
             )
             numbers = [f"{value:.2f}" for value in found]
         label = STYLES[name].label if number == 0 else ""
-        counted = f"{one.proportion.successes} of {one.proportion.trials}"
-        yield [label, f"{quantity.label}, {quantity.unit}", *numbers, counted, str(one.verdict).replace("_", " ")]
+        counted = f"{part.proportion.successes} of {part.proportion.trials}"
+        yield [label, f"{quantity.label}, {quantity.unit}", *numbers, counted, str(part.verdict).replace("_", " ")]
 
 
 def _worst(shots: Sequence[WorstShot]) -> Iterator[str]:
@@ -172,22 +196,24 @@ def _worst(shots: Sequence[WorstShot]) -> Iterator[str]:
         "Single shots with the largest error in parts of what is allowed. In the pictures: pink the true face, green"
         " the measured one."
     )
-    for number, one in enumerate(shots):
+    for number, shot in enumerate(shots):
         cells = ", ".join(
-            f"{quantity.label} {quantity.values([one.error])[0]:+.2f} {quantity.unit}" for quantity in QUANTITIES
+            f"{quantity.label} {quantity.values([shot.error])[0]:+.2f} {quantity.unit}" for quantity in QUANTITIES
         )
-        face = one.error.face
-        text = f"{one.file}, pallet {face.id}, {face.range:.2f} m away: {cells}; {one.share:.2f} of what is allowed."
-        if one.picture:
-            yield picture(embedded(one.picture, "jpeg"), text)
+        face = shot.error.face
+        text = (
+            f"{shot.file}, pallet {face.id}, {face.range:.2f} m away: {cells}; {shot.share:.2f} of what is allowed."
+        )
+        if shot.picture:
+            yield picture(embedded(shot.picture, "jpeg"), text)
         else:
-            yield paragraph(text + (f" No picture: {one.problem}." if one.problem else ""))
-        if one.stages:
-            yield folded(one.stages.told, _stages(one.stages), is_open=number == 0)
+            yield paragraph(text + (f" No picture: {shot.problem}." if shot.problem else ""))
+        if shot.stages:
+            yield folded(shot.stages.told, _stages(shot.stages), is_open=number == 0)
 
 
 def _stages(stages: ShotStages) -> Iterator[str]:
-    for one in stages.pictures:
-        yield picture(embedded(one.content, "jpeg"), f"{one.caption}.", keep_wide=True)
+    for drawn in stages.pictures:
+        yield picture(embedded(drawn.content, "jpeg"), f"{drawn.caption}.", keep_wide=True)
     if not stages.pictures:
         yield paragraph("There is nothing to draw: the recording does not look for pallets of this model.")

@@ -26,6 +26,7 @@ $body
 </body>
 </html>
 """)
+"""The page, without its title, style and body."""
 _STYLE = """\
 :root { color-scheme: light; --ink: #22262b; --faint: #5b6470; --line: #d9dde3; --soft: #f4f6f8; }
 * { box-sizing: border-box; }
@@ -63,6 +64,7 @@ dd { margin: 0; color: var(--faint); }
   dl { grid-template-columns: 1fr; }
   dd { margin-bottom: 10px; }
 }"""
+"""Its style: one column that narrow screens can show, too."""
 
 
 @dataclass(frozen=True, slots=True)

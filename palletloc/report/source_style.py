@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
-from palletloc.drawing.canvas import GRID, INK, SERIES
+from palletloc.drawing.canvas import DEGREE, GRID, SERIES, add_text, new_figure
 from palletloc.evaluation.pose_error import PoseError
 from palletloc.evaluation.requirement import Requirement
 from palletloc.evaluation.run import SHOTS_SOURCE, TRACKS_SOURCE
@@ -32,6 +33,8 @@ STYLES = {
     TRACKS_SOURCE: SourceStyle("tracks", SERIES[0], "s"),
 }
 """By the source's name."""
+DOTTED = (0, (1, 2))
+"""Line of a requirement's limit: offset, then points drawn and left out."""
 STOP_STYLE = SourceStyle("single shots at surveyed stops, against the survey", SERIES[1], "D")
 """Errors against a survey."""
 
@@ -51,18 +54,18 @@ class Quantity:
 
     def values(self, errors: Sequence[PoseError]) -> FloatArray:
         """Return the errors in the unit, (n,)."""
-        return self.scale * np.array([one.offset[self.column] for one in errors])
+        return self.scale * np.array([error.offset[self.column] for error in errors])
 
     def sigmas(self, errors: Sequence[PoseError]) -> FloatArray:
         """Return the standard deviations in the unit, (n,)."""
-        return self.scale * np.sqrt([one.covariance[self.column, self.column] for one in errors])
+        return self.scale * np.sqrt([error.covariance[self.column, self.column] for error in errors])
 
     def limit(self, requirement: Requirement) -> float:
         """Return the largest error that is allowed, in the unit."""
         return self.scale * float(requirement.limits[self.column])
 
 
-YAW = Quantity(3, "yaw", "\N{DEGREE SIGN}", 180 / np.pi)
+YAW = Quantity(3, "yaw", DEGREE, 180 / np.pi)
 """The heading."""
 DEPTH = Quantity(0, "depth", "mm", 1000.0)
 """The distance, into the pallet."""
@@ -70,14 +73,15 @@ QUANTITIES = (YAW, DEPTH, Quantity(1, "along", "mm", 1000.0), Quantity(2, "heigh
 """All of them."""
 
 
-def prepare(axes: Axes) -> None:
-    """Draw what lies behind the errors: a grid and the line of no error."""
-    axes.axhline(0.0, color=INK, linewidth=1.0)
+def titled_figure(height_px: float, title: str, explained: str, left: float = 76) -> Figure:
+    """Return an empty figure with a title and a line that explains its marks, ``left`` pixels from the border."""
+    figure = new_figure(height_px)
+    add_text(figure, left, 14, title, size=13, bold=True)
+    add_text(figure, left, 40, explained, size=10.5)
+    return figure
+
+
+def add_grid(axes: Axes) -> None:
+    """Draw a grid behind the errors."""
     axes.grid(color=GRID, linewidth=0.6)
     axes.set_axisbelow(True)
-
-
-def reach(groups: Iterable[Sequence[PoseError]], of: Callable[[Sequence[PoseError]], FloatArray]) -> FloatArray:
-    """Return a value for each error of all groups, (n,)."""
-    parts = [of(group) for group in groups if group]
-    return np.concatenate(parts) if parts else np.zeros(0)

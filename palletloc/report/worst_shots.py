@@ -22,6 +22,7 @@ from palletloc.report.shot_stages import ShotStages, shot_stages, stage_job
 WORST = 4
 """How many are shown, where nothing else is asked."""
 _WIDEST, _QUALITY = 1040, 85
+"""Most width of a picture in pixels, that of the page, and its JPEG quality: outlines stay sharp to the eye."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,19 +72,19 @@ def worst_shots(
         The worst first.
     """
     source = run.sources.get(SHOTS_SOURCE)
-    errors = sorted(source.errors if source else (), key=lambda one: -_share(one, requirement))
+    errors = sorted(source.errors if source else (), key=lambda error: -_share(error, requirement))
     shots = {shot.time: shot for shot in recording.shots}
     job = stage_job(recording, run.files.folder)
     found = []
-    for one in errors[: WORST if number is None else number]:
-        shot = shots[one.time]
-        plain = WorstShot(one, shot.file, _share(one, requirement), b"")
+    for error in errors[: WORST if number is None else number]:
+        shot = shots[error.time]
+        plain = WorstShot(error, shot.file, _share(error, requirement), b"")
         found.append(_drawn(plain, shot, job) if with_pictures else plain)
     return found
 
 
-def _share(one: PoseError, requirement: Requirement) -> float:
-    return float((np.abs(one.offset) / requirement.limits).max())
+def _share(error: PoseError, requirement: Requirement) -> float:
+    return float((np.abs(error.offset) / requirement.limits).max())
 
 
 def _drawn(worst: WorstShot, shot: ShotFile, job: Job) -> WorstShot:
@@ -96,9 +97,9 @@ def _drawn(worst: WorstShot, shot: ShotFile, job: Job) -> WorstShot:
     return replace(worst, picture=picture, stages=stages)
 
 
-def _picture(one: PoseError, image: Image, recording: Recording) -> bytes:
+def _picture(error: PoseError, image: Image, recording: Recording) -> bytes:
     models = {model.name: model for model in recording.models}
-    face, estimate = one.face, one.estimate
+    face, estimate = error.face, error.estimate
     marks = [Mark(models[face.model], face.forklift_from_pallet, REFUSED, heading=False)]
     if estimate.model in models:
         marks.append(Mark(models[estimate.model], estimate.forklift_from_pallet, MEASURED, heading=False))

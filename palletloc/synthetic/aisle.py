@@ -11,20 +11,22 @@ import numpy as np
 from palletloc.choices import Illumination, Side
 from palletloc.geometry import LevelPose
 from palletloc.pallet import Opening, PalletModel
-from palletloc.synthetic.illumination import light_of
+from palletloc.synthetic.lighting import light_of
 from palletloc.synthetic.loads import Load, load_on, stack
 from palletloc.synthetic.materials import PLASTICS, WOODS
 from palletloc.synthetic.pallet_solid import PalletBody
 from palletloc.synthetic.placing import ShelfFrame, seeded, standing
-from palletloc.synthetic.rack import Rack, bays, places, rack_boxes
 from palletloc.synthetic.scene import Scene, Solid
-from palletloc.synthetic.surroundings import draw_clutter, draw_hall
+from palletloc.synthetic.surroundings import Rack, bays, draw_clutter, draw_hall, places, rack_boxes
 
 _MOULDED_RADIUS = 0.006
+"""Edge radius from which a pallet is taken for moulded plastic, in metres: wood of the library has 3 mm."""
 _LEAST_GAP = 0.1
+"""Between loads and to uprights, in metres: EN 15620 asks for 75 to 100 mm."""
 _INSIDE = 3.0
 """How much less exactly blocks are set inside a pallet than in its face."""
 _DRAWS = 100
+"""How often a misfit is drawn again that leaves no pallet; more would hide that it is too large."""
 
 
 @dataclass(frozen=True, slots=True)

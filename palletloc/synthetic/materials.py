@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from palletloc.synthetic.scene import Material
-from palletloc.synthetic.texture import Colour, Pattern, Texture, srgb
+from palletloc.synthetic.texture import Colour, Texture, TexturePattern, srgb
 
-_CLOUD, _SPECKLE, _STREAK = Pattern.CLOUD, Pattern.SPECKLE, Pattern.STREAK
+_CLOUD, _SPECKLE, _STREAK = TexturePattern.CLOUD, TexturePattern.SPECKLE, TexturePattern.STREAK
+"""What textures are made of."""
 _GRAINS = (Texture(_STREAK, 0.9, 0.10), Texture(_CLOUD, 0.6, 0.07), Texture(_SPECKLE, 0.5, 0.03))
+"""Of wood."""
 _MOULDED = (Texture(_CLOUD, 0.8, 0.04), Texture(_SPECKLE, 0.4, 0.02))
+"""Of moulded plastic."""
 _PAINTED = (Texture(_STREAK, 1.2, 0.02), Texture(_CLOUD, 1.0, 0.02))
+"""Of painted steel."""
 _PAPER = (Texture(_CLOUD, 0.9, 0.05), Texture(_STREAK, 0.5, 0.012), Texture(_SPECKLE, 0.4, 0.012))
+"""Of cardboard."""
 
 WOODS = tuple(
     Material(colour, _GRAINS)

@@ -20,11 +20,15 @@ from palletloc.synthetic.samples import Samples, lengths
 from palletloc.synthetic.scene import Box, Decal, Material
 
 _ROW_SHARE = 0.125
+"""Depth of a row of blocks where the model says none, in parts of the pallet's: 100 mm of 800 mm."""
 _STRINGER = 0.07
+"""Width below which what stands between openings is a stringer of the whole depth, in metres."""
 _BOARD = 0.024
+"""Thickness of deck, runners and bottom boards, in metres: about the 22 mm of common boards."""
 _SEAM = 0.0012
-_DECK_PITCH = 0.185
-_DECK_BOARD = 0.145
+"""Half width of the dark seam between boards, in metres."""
+_DECK_PITCH, _DECK_BOARD = 0.185, 0.145
+"""From deck board to deck board, and width of one, in metres: the wide boards of an EPAL 1."""
 
 
 def _round_rectangle(

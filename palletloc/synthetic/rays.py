@@ -11,13 +11,17 @@ from palletloc.geometry import BoolArray, FloatArray
 from palletloc.synthetic.samples import Indices, Samples, lengths
 
 _TILE_ROWS, _TILE_COLUMNS = 32, 64
+"""Of a tile, in pixels: small cones miss most solids, few tiles cost little to test."""
 _ROUNDING = 1e-3
+"""By which a tile's cone is wider than its rays, in radians: float32 keeps small angles to 4e-4 by their cosine."""
 _SAMPLED = 20_000
+"""How many neighbours give the typical angle between pixels: enough for its 90 % quantile."""
 _PART = 1 << 20
+"""Pixels that are followed together: fewer take less memory, more take less time."""
 
 
 @dataclass(frozen=True, slots=True)
-class Rays:
+class TiledRays:
     """Rays in the order of their tiles, in the frame that their owner says."""
 
     origins: Samples
@@ -40,7 +44,7 @@ class Rays:
         """How many rays there are."""
         return int(self.directions.shape[1])
 
-    def moved(self, rotation: FloatArray, translation: FloatArray) -> Rays:
+    def moved(self, rotation: FloatArray, translation: FloatArray) -> TiledRays:
         """Return the rays in another frame.
 
         Parameters
@@ -51,7 +55,7 @@ class Rays:
             Its translation, in metres.
         """
         turn, shift = rotation.astype(np.float32), translation.astype(np.float32)[:, None]
-        return Rays(
+        return TiledRays(
             turn @ self.origins + shift,
             turn @ self.directions,
             self.starts,
@@ -75,7 +79,7 @@ class PixelRays:
 
     pixels: Indices
     """(N,) pixel of each ray, counted row by row."""
-    rays: Rays
+    rays: TiledRays
     """The rays."""
 
 
@@ -133,7 +137,7 @@ def _pixel_angle(part: PixelRays) -> float:
     return float(np.percentile(lengths(directions[:, following] - directions[:, following + 1]), 90))
 
 
-def finer_rays(camera: CameraModel, part: PixelRays, chosen: BoolArray, offsets: FloatArray) -> Rays:
+def finer_rays(camera: CameraModel, part: PixelRays, chosen: BoolArray, offsets: FloatArray) -> TiledRays:
     """Return several rays through each of some pixels.
 
     Parameters
@@ -149,7 +153,7 @@ def finer_rays(camera: CameraModel, part: PixelRays, chosen: BoolArray, offsets:
 
     Returns
     -------
-    Rays
+    TiledRays
         In the order of the chosen pixels, the S rays of one pixel next to each other; where the camera sees
         nothing, that of the pixel's centre.
     """
@@ -181,7 +185,7 @@ def _unproject(camera: CameraModel, pixels: Indices, offset: FloatArray) -> tupl
     )
 
 
-def _tiled(origins: Samples, directions: Samples, starts: Indices) -> Rays:
+def _tiled(origins: Samples, directions: Samples, starts: Indices) -> TiledRays:
     """Return rays with the cone of each tile."""
     filled = np.flatnonzero(np.diff(starts))
     if origins.shape[1] and not np.ptp(origins, axis=1).any():
@@ -202,4 +206,4 @@ def _tiled(origins: Samples, directions: Samples, starts: Indices) -> Rays:
             centers[filled] = (np.add.reduceat(origins, starts[filled], axis=1) / counts).T
             apart = np.linalg.norm(origins - np.repeat(centers[filled].T, counts, axis=1), axis=0)
             spreads[filled] = np.maximum.reduceat(apart, starts[filled])
-    return Rays(origins, directions, starts, centers, axes, angles, spreads)
+    return TiledRays(origins, directions, starts, centers, axes, angles, spreads)

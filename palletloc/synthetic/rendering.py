@@ -1,7 +1,8 @@
-"""Pictures of a scene through any camera."""
+"""Pictures of a scene through any camera: what light comes back along rays, and its mean over each pixel."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,20 +10,123 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
 from palletloc.geometry import BoolArray
-from palletloc.synthetic.rays import CameraRays, finer_rays
-from palletloc.synthetic.samples import Samples
-from palletloc.synthetic.shading import LitScene, look
+from palletloc.synthetic.lighting import LightField, light_field
+from palletloc.synthetic.rays import CameraRays, TiledRays, finer_rays
+from palletloc.synthetic.samples import Indices, Samples
+from palletloc.synthetic.scene import Scene
+from palletloc.synthetic.surfaces import Surface, fresnel, room_radiance, surface
+from palletloc.synthetic.tracing import FLOOR, Hits, Spheres, bounding_spheres, trace
 
 UNSEEN = -4
 """What the solids' map holds where the image shows nothing."""
-
-_CONTRAST = 0.12
-_FLOOR_OF_CONTRAST = 0.02
+_CONTRAST, _DARKEST = 0.12, 0.02
+"""Change of the light's logarithm over a pixel from which more rays are taken, and what is added before it."""
 _OFFSETS = np.array([[-0.125, -0.375], [0.375, -0.125], [-0.375, 0.125], [0.125, 0.375]])
+"""Where further rays go through a pixel, in pixels from its centre: a rotated grid, no two in a row or column."""
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class LitScene:
+    """A scene with what its pictures share."""
+
+    scene: Scene
+    """Solids, room and light."""
+    spheres: Spheres | None
+    """Bounds of the solids."""
+    field: LightField
+    """Its light."""
+
+
+def lit(scene: Scene) -> LitScene:
+    """Prepare a scene for any number of pictures.
+
+    Parameters
+    ----------
+    scene : Scene
+        What is there.
+    """
+    return LitScene(scene, bounding_spheres(scene.solids) if scene.solids else None, light_field(scene))
+
+
+def look(lit_scene: LitScene, rays: TiledRays, pixel_angle: float) -> tuple[Samples, Hits]:
+    """Return what comes along rays.
+
+    Parameters
+    ----------
+    lit_scene : LitScene
+        The scene.
+    rays : TiledRays
+        In the world.
+    pixel_angle : float
+        Angle that one ray stands for, in radians: finer texture is averaged away.
+
+    Returns
+    -------
+    radiance : (3, N) array
+        Blue, green, red in linear light; a white surface in full light has 1.
+    hits : Hits
+        What they hit.
+    """
+    hits = trace(rays, lit_scene.scene.solids, lit_scene.spheres, lit_scene.scene.room, pixel_angle)
+    radiance = _radiance(lit_scene, rays, hits, pixel_angle)
+    if lit_scene.scene.room.floor.gloss > 0:
+        _reflect(lit_scene, rays, hits, pixel_angle, radiance)
+    radiance *= np.array(lit_scene.scene.light.colour, np.float32)[:, None]
+    return radiance, hits
+
+
+def _radiance(lit_scene: LitScene, rays: TiledRays, hits: Hits, pixel_angle: float) -> Samples:
+    """Return the (3, N) light that the hit surfaces send back."""
+    scene, field = lit_scene.scene, lit_scene.field
+    radiance = np.empty((3, rays.count), np.float32)
+    seen: list[Surface] = []
+    for index, chosen in _by_solid(hits):
+        points = rays.points(chosen, hits.distances[chosen])
+        directions = rays.directions.take(chosen, axis=1)
+        size = hits.distances[chosen] * np.float32(pixel_angle)
+        if index < 0:
+            radiance[:, chosen] = room_radiance(index, scene.room, field, points, directions, size)
+        else:
+            seen.append(surface(scene.solids[index], chosen, points, directions, size))
+    if seen:
+        together = Surface.joined(seen)
+        radiance[:, together.chosen] = together.radiance(field)
+    return radiance
+
+
+def _by_solid(hits: Hits) -> Iterator[tuple[int, Indices]]:
+    """Return each thing that is hit with the rays that hit it."""
+    order = np.argsort(hits.solids.astype(np.int16), kind="stable")
+    ordered = hits.solids[order]
+    bounds = np.flatnonzero(np.diff(ordered)) + 1
+    for chosen in np.split(order, bounds):
+        if len(chosen):
+            yield int(hits.solids[chosen[0]]), chosen
+
+
+def _reflect(lit_scene: LitScene, rays: TiledRays, hits: Hits, pixel_angle: float, radiance: Samples) -> None:
+    """Add what a glossy floor mirrors."""
+    chosen = np.flatnonzero(hits.solids == FLOOR)
+    if not len(chosen):
+        return
+    flip = np.array([[1.0], [1.0], [-1.0]], np.float32)
+    mirrored = TiledRays(
+        rays.points(chosen, hits.distances[chosen]),
+        rays.directions.take(chosen, axis=1) * flip,
+        np.searchsorted(chosen, rays.starts).astype(np.intp),
+        rays.tile_origins * flip[:, 0],  # each cone opens from below the floor
+        rays.tile_axes * flip[:, 0],
+        rays.tile_angles,
+        rays.tile_spreads,
+    )
+    above = trace(mirrored, lit_scene.scene.solids, lit_scene.spheres, lit_scene.scene.room, pixel_angle)
+    slant = np.abs(rays.directions[2, chosen])
+    share = np.float32(lit_scene.scene.room.floor.gloss) * fresnel(slant)
+    radiance[:, chosen] += share * _radiance(lit_scene, mirrored, above, pixel_angle)
+
+
+@dataclass(frozen=True, slots=True)
+class RenderedImage:
     """What a camera sees, before its sensor."""
 
     radiance: Samples
@@ -31,7 +135,9 @@ class Picture:
     """(height, width) index of the solid at each pixel's centre, a part of the room, or `UNSEEN`."""
 
 
-def render(scene: LitScene, rays: CameraRays, world_from_camera: RigidTransform, smooth: bool = True) -> Picture:
+def render(
+    scene: LitScene, rays: CameraRays, world_from_camera: RigidTransform, smooth: bool = True
+) -> RenderedImage:
     """Return the picture that a camera takes of a scene.
 
     A pixel's value is the mean over its area where something changes within it, else that of its centre.
@@ -49,7 +155,7 @@ def render(scene: LitScene, rays: CameraRays, world_from_camera: RigidTransform,
 
     Returns
     -------
-    Picture
+    RenderedImage
         Linear light, and which solid is where.
     """
     matrix = world_from_camera.as_matrix()
@@ -68,12 +174,12 @@ def render(scene: LitScene, rays: CameraRays, world_from_camera: RigidTransform,
             finer = finer_rays(rays.camera, part, chosen, _OFFSETS).moved(rotation, translation)
             radiance, _ = look(scene, finer, rays.angle / 2)
             light[part.pixels[chosen]] = radiance.reshape(3, -1, len(_OFFSETS)).mean(axis=2).T
-    return Picture(image, solids)
+    return RenderedImage(image, solids)
 
 
 def _changes(image: Samples, solids: NDArray[np.int32], closed: bool) -> BoolArray:
     """Return the pixels that differ from a neighbour; in a closed image the first column follows the last."""
-    light = np.log(image[:, :, 1] + np.float32(_FLOOR_OF_CONTRAST))
+    light = np.log(image[:, :, 1] + np.float32(_DARKEST))
     changed = np.zeros(solids.shape, np.bool_)
     for axis in (0, 1):
         differs = np.abs(light - np.roll(light, 1, axis)) > _CONTRAST

@@ -12,6 +12,7 @@ Indices = NDArray[np.intp]
 """(N,) indices of rays, tiles or solids."""
 
 _ROW = 2048
+"""Width in which places are laid out for `cv2.remap`, whose sides end at 32 767."""
 
 
 def lengths(vectors: Samples) -> Samples:

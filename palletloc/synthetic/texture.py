@@ -13,11 +13,11 @@ from palletloc.synthetic.samples import Samples, lookup
 Colour = tuple[float, float, float]
 """Reflectance in linear light, 0 to 1: blue, green, red."""
 
-_TILE = 512
-_LEVELS = 7
+_TILE, _LEVELS = 512, 7
+"""Side of a noise image in pixels, and how often it is halved: to 8 pixels, beyond which little is left."""
 
 
-class Pattern(StrEnum):
+class TexturePattern(StrEnum):
     """What a texture looks like."""
 
     CLOUD = "cloud"
@@ -28,14 +28,19 @@ class Pattern(StrEnum):
     """Long thin lines, as in wood or scratched paint."""
 
 
-_ASPECT_AND_SLOPE = {Pattern.CLOUD: (1.0, 1.6), Pattern.SPECKLE: (1.0, 0.0), Pattern.STREAK: (14.0, 0.9)}
+_ASPECT_AND_SLOPE = {
+    TexturePattern.CLOUD: (1.0, 1.6),
+    TexturePattern.SPECKLE: (1.0, 0.0),
+    TexturePattern.STREAK: (14.0, 0.9),
+}
+"""How much longer than wide its features are, and the exponent of frequency with which its amplitude falls."""
 
 
 @dataclass(frozen=True, slots=True)
 class Texture:
     """One layer of brightness changes on a surface."""
 
-    pattern: Pattern
+    pattern: TexturePattern
     """What it looks like."""
     period: float
     """After how many metres it repeats."""
@@ -59,12 +64,12 @@ def srgb(red: int, green: int, blue: int) -> Colour:
 
 
 @lru_cache(maxsize=24)
-def noise_levels(pattern: Pattern, seed: int) -> tuple[Samples, ...]:
+def noise_levels(pattern: TexturePattern, seed: int) -> tuple[Samples, ...]:
     """Return a periodic noise image at full size and halved again and again.
 
     Parameters
     ----------
-    pattern : Pattern
+    pattern : TexturePattern
         Its spectrum.
     seed : int
         Equal seeds give equal noise.

@@ -9,16 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palletloc.geometry import BoolArray, FloatArray, LevelPose
-from palletloc.synthetic.rays import Rays
+from palletloc.synthetic.rays import TiledRays
 from palletloc.synthetic.samples import Indices, Samples
 from palletloc.synthetic.scene import Room, Solid
 
 FLOOR, WALLS, CEILING = -1, -2, -3
 """What a ray hits that no solid stops: parts of the room, in place of an index of a solid."""
 
-_CLOSE = 2e-5
-_CLOSE_PIXELS = 0.01
+_CLOSE, _CLOSE_PIXELS = 2e-5, 0.01
+"""Distance at which a ray has met a surface: in metres, and in pixels where that is more."""
 _STEPS = 96
+"""Most steps along a ray inside a solid's bounds; what has not met the surface by then passes by."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,12 +93,14 @@ def turned_to_solid(world_from_solid: LevelPose, vectors: Samples) -> Samples:
     return np.stack([cos * vectors[0] + sin * vectors[1], cos * vectors[1] - sin * vectors[0], vectors[2]])
 
 
-def trace(rays: Rays, solids: Sequence[Solid], spheres: Spheres | None, room: Room, pixel_angle: float = 0.0) -> Hits:
+def trace(
+    rays: TiledRays, solids: Sequence[Solid], spheres: Spheres | None, room: Room, pixel_angle: float = 0.0
+) -> Hits:
     """Find the first thing along each ray.
 
     Parameters
     ----------
-    rays : Rays
+    rays : TiledRays
         In the world, starting inside the room.
     solids : sequence of Solid
         What stands in the room; a solid around a ray's start is not seen.
@@ -126,7 +129,7 @@ def trace(rays: Rays, solids: Sequence[Solid], spheres: Spheres | None, room: Ro
     return hits
 
 
-def room_hits(rays: Rays, room: Room) -> Hits:
+def room_hits(rays: TiledRays, room: Room) -> Hits:
     """Find where rays leave the room."""
     low, high = np.array([*room.low, 0.0], np.float32), np.array([*room.high, room.height], np.float32)
     slope = _nonzero(rays.directions[2])
@@ -145,7 +148,7 @@ def _nonzero(values: Samples) -> Samples:
     return np.where(np.abs(values) < 1e-9, np.float32(1e-9), values)
 
 
-def _seen_tiles(rays: Rays, spheres: Spheres) -> BoolArray:
+def _seen_tiles(rays: TiledRays, spheres: Spheres) -> BoolArray:
     """Return which tiles (T) may see which solids (S)."""
     origins = rays.tile_origins
     if not np.ptp(origins, axis=0).any():
@@ -159,7 +162,7 @@ def _seen_tiles(rays: Rays, spheres: Spheres) -> BoolArray:
     return np.logical_or.reduceat(near, spheres.starts, axis=1)
 
 
-def _rays_of(rays: Rays, tiles: Indices) -> Indices:
+def _rays_of(rays: TiledRays, tiles: Indices) -> Indices:
     """Return the indices of all rays of some tiles."""
     first, count = rays.starts[tiles], rays.starts[tiles + 1] - rays.starts[tiles]
     ends = np.cumsum(count)
@@ -200,7 +203,9 @@ class _Grazing:
         )
 
 
-def _enter(rays: Rays, chosen: Indices, solid: Solid, index: int, hits: Hits, pixel_angle: float) -> _Grazing | None:
+def _enter(
+    rays: TiledRays, chosen: Indices, solid: Solid, index: int, hits: Hits, pixel_angle: float
+) -> _Grazing | None:
     """Enter into the hits where rays meet the faces of a solid's bounds; return those that go on inside."""
     directions = turned_to_solid(solid.world_from_solid, rays.directions.take(chosen, axis=1))
     single = rays.origins.shape[1] == 1
@@ -235,9 +240,9 @@ def _through_bounds(origins: Samples, directions: Samples, solid: Solid) -> tupl
     far = np.full(directions.shape[1], np.inf, np.float32)
     for axis in range(3):
         inverse = 1 / _nonzero(directions[axis])
-        one, other = (low[axis] - origins[axis]) * inverse, (high[axis] - origins[axis]) * inverse
-        np.maximum(near, np.minimum(one, other), out=near)
-        np.minimum(far, np.maximum(one, other), out=far)
+        first, second = (low[axis] - origins[axis]) * inverse, (high[axis] - origins[axis]) * inverse
+        np.maximum(near, np.minimum(first, second), out=near)
+        np.minimum(far, np.maximum(first, second), out=far)
     return near, far
 
 

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -40,14 +41,14 @@ def exposure() -> Exposure:
     return expose(scene, simulate(scene.spec, scene.seed), 0)
 
 
-def found(pose: LevelPose, name: str) -> Fit:
+def fit(pose: LevelPose, name: str) -> Fit:
     model = next(model for model in exposure().recording.models if model.name == name)
     return Fit(Candidate(model, pose), pose, COVARIANCE, YawSource.FACE)
 
 
-def looked(*outcomes: Fit | Refusal) -> ShotViews:
+def looked(outcomes: Sequence[Fit | Refusal]) -> ShotViews:
     localizer = Told(exposure().recording.models)
-    localizer.outcomes = outcomes
+    localizer.outcomes = tuple(outcomes)
     return look(exposure(), localizer)
 
 
@@ -72,7 +73,7 @@ def test_classes_go_by_the_edge_nearest_to_the_cameras_height(below: float, expe
 
 
 def test_a_perfect_localizer_finds_every_pallet_without_an_error() -> None:
-    seen = looked(*(found(face.forklift_from_pallet, face.model) for face in exposure().faces))
+    seen = looked([fit(face.forklift_from_pallet, face.model) for face in exposure().faces])
     assert len(seen.views) >= 2
     assert seen.false == ()
     for view in seen.views:
@@ -84,25 +85,25 @@ def test_a_perfect_localizer_finds_every_pallet_without_an_error() -> None:
 def test_an_error_counts_in_the_covariances_units() -> None:
     face = next(face for face in exposure().faces if face.visible)
     off = replace(face.forklift_from_pallet, x=face.forklift_from_pallet.x + 0.02)
-    errors = [view.error for view in looked(found(off, face.model)).views if view.error]
+    errors = [view.error for view in looked([fit(off, face.model)]).views if view.error]
     assert [error.nees for error in errors] == pytest.approx([4.0])
 
 
 def test_refusals_and_misses_differ() -> None:
     face = next(face for face in exposure().faces if face.visible)
-    fit = found(face.forklift_from_pallet, face.model)
-    seen = looked(Refusal(fit.candidate, Stage.VERIFICATION, Reason.LOW_CONTRAST, fit))
+    found = fit(face.forklift_from_pallet, face.model)
+    seen = looked([Refusal(found.candidate, Stage.VERIFICATION, Reason.LOW_CONTRAST, found)])
     assert all(view.error is None for view in seen.views)
     assert [view.face.id for view in seen.views if view.refused] == [face.id]
 
 
 def test_a_row_where_no_pallet_stands_is_false_at_its_height() -> None:
     model = exposure().recording.models[0].name
-    assert looked(found(LevelPose(AWAY, AWAY, 0.0, 0.0), model)).false == (HeightClass.FLOOR,)
+    assert looked([fit(LevelPose(AWAY, AWAY, 0.0, 0.0), model)]).false == (HeightClass.FLOOR,)
 
 
 def test_faces_that_are_mostly_hidden_or_cut_do_not_count() -> None:
-    shown = {view.face.id for view in looked().views}
+    shown = {view.face.id for view in looked([]).views}
     for face, hidden in zip(exposure().faces, exposure().hidden, strict=True):
         if hidden is None or hidden > MOST_HIDDEN:
             assert face.id not in shown

@@ -12,10 +12,9 @@ from palletloc.pallet import PalletModel
 from palletloc.pallet_library import load_library
 from palletloc.synthetic.pallet_solid import PalletBody
 from palletloc.synthetic.rays import camera_rays
-from palletloc.synthetic.rendering import render
+from palletloc.synthetic.rendering import lit, render
 from palletloc.synthetic.rig import camera_of
 from palletloc.synthetic.scene import Box, Light, Material, Room, Scene, Solid
-from palletloc.synthetic.shading import lit
 
 EPAL, OPEN = (load_library()[name] for name in ("epal1-1200", "epal1-800"))
 WHITE = Material((0.8, 0.8, 0.8))

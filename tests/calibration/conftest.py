@@ -10,10 +10,10 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from calibration.intrinsics.task import Chessboard
-from calibration.simulated_yard import Yard, YardErrors, boards_around, simulate_yard
-from calibration.targets import CharucoBoard, SingleTag, marker_dictionary, patterns
+from calibration.targets.targets import CharucoBoard, SingleTag, marker_dictionary, patterns
 from palletloc.cameras import CameraModel
 from palletloc.geometry import FloatArray, Image
+from tests.calibration.simulated_yard import Yard, YardErrors, boards_around, simulate_yard
 
 AROUND = (0.4, 1.3, 2.6, -0.6, -1.4, -2.5)
 USUAL = YardErrors()

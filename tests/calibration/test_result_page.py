@@ -9,9 +9,7 @@ from matplotlib.figure import Figure
 from rich.console import Console
 
 from calibration.findings import Finding, Severity
-from calibration.outcome import write_report, write_result
-from calibration.result_page import html_text, json_text, reason_lines, terminal_parts
-from calibration.sections import (
+from calibration.result_page import (
     Drawing,
     Findings,
     Heading,
@@ -22,8 +20,14 @@ from calibration.sections import (
     ResultPage,
     Section,
     Table,
+    html_text,
+    json_text,
     numbers,
+    reason_lines,
+    terminal_parts,
     words,
+    write_report,
+    write_result,
 )
 
 NOTE = Finding(Severity.NOTE, "upside_down", "a board is turned", "nothing")
@@ -90,11 +94,15 @@ def test_a_result_that_fails_overwrites_nothing(tmp_path: Path) -> None:
     out = tmp_path / "rig.yaml"
     assert [path.name for path in write_result(result(), out)] == ["rig.yaml", "rig.html", "rig.json"]
     kept = (tmp_path / "rig.html").read_text()
-    for failed in (result(FAIL), result(content=None)):
-        write_result(failed, out)
+    for _ in range(2):
+        write_result(result(FAIL), out)
     names = {path.name for path in tmp_path.iterdir()}
     assert {"rig.failed.html", "rig.failed.json", "rig.failed-2.html", "rig.failed-2.json"} < names
     assert (tmp_path / "rig.html").read_text() == kept
+
+
+def test_a_plan_has_only_a_report(tmp_path: Path) -> None:
+    assert [path.name for path in write_result(result(content=None), tmp_path / "p.html")] == ["p.html", "p.json"]
 
 
 def test_a_report_has_the_name_that_it_was_given(tmp_path: Path) -> None:

@@ -23,10 +23,9 @@ from palletloc.synthetic.materials import CARTONS, CEILING, CONCRETES, PAINTS, P
 from palletloc.synthetic.pallet_solid import PalletBody
 from palletloc.synthetic.placing import standing
 from palletloc.synthetic.rays import CameraRays, camera_rays
-from palletloc.synthetic.rendering import render
+from palletloc.synthetic.rendering import lit, render
+from palletloc.synthetic.rig import Sensor, expose
 from palletloc.synthetic.scene import Light, Room, Scene, Solid
-from palletloc.synthetic.sensor import Sensor, expose
-from palletloc.synthetic.shading import lit
 
 RECORDING = """\
 format: 1
@@ -66,6 +65,18 @@ def blank_recording(tmp_path: Path) -> Path:
         image = np.full((32, 64, 3), 100 + number, np.uint8)
         (folder / "images" / f"{number}.png").write_bytes(cv2.imencode(".png", image)[1].tobytes())
     return folder
+
+
+@pytest.fixture
+def pallet_file(tmp_path: Path) -> Callable[[str | bytes], Path]:
+    """Return a function that writes a file of pallet models."""
+
+    def write(content: str | bytes) -> Path:
+        path = tmp_path / "pallets.yaml"
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return path
+
+    return write
 
 
 @pytest.fixture(scope="session")

@@ -145,7 +145,7 @@ def test_of_two_samples_of_the_same_time_the_same_one_is_kept_in_any_order() -> 
         tracker.push(Odometry(0.0, LevelPose(0.0, 0.0, 0.0, 0.0)))
         events = [event for one in order for event in tracker.push(one)]
         assert set(kinds(events)) <= {"accepted", "duplicate"}
-        kept.append(next(one.pose for one in tracker._replay.path if one.time == 0.1))
+        kept.append(next(one.pose for one in tracker._window.path if one.time == 0.1))
     assert kept[0] == kept[1]
 
 
@@ -232,7 +232,7 @@ def test_odometry_that_never_comes_is_told_once_the_window_is_over(make_site: Si
     assert len(refused) == 19
     assert all("no odometry" in event.reason and event.revised for event in refused)
     assert tracker.tracks() == ()
-    assert len(tracker._replay.looks) <= 21
+    assert len(tracker._window.shots) <= 21
 
 
 def test_odometry_that_ends_leaves_what_is_known(make_site: SiteMaker) -> None:

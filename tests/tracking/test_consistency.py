@@ -71,7 +71,7 @@ def tracked(approach: Approach, config: TrackerConfig, factor: float) -> Run:
         away = track.pose.as_array() - truth
         away[3] = wrap_angle(float(away[3]))
         run.nees.append(float(away @ np.linalg.solve(track.covariance, away)))
-        run.nis.append(track.nis)
+        run.nis.append(np.nan if track.nis is None else track.nis)
     return run
 
 
@@ -105,27 +105,29 @@ def test_errors_and_innovations_are_as_large_as_they_are_said_to_be() -> None:
 
 @pytest.mark.parametrize("factor", [0.25, 4.0])
 def test_that_is_not_so_where_measurements_state_another_covariance(factor: float) -> None:
-    verdict = ensemble(1, CONFIG, replace(DRIVE, duration=3.0), factor)
+    verdict = ensemble(1, CONFIG, replace(DRIVE, duration=3.0), factor, runs=25)
     assert not verdict.consistent, verdict
     assert verdict.nees_inside < 0.5
     assert abs(verdict.nees / 4 - 1) > 0.3
 
 
-def test_with_the_usual_noise_and_errors_that_measurements_share_the_mean_is_right() -> None:
-    verdict = ensemble(2, TrackerConfig(), Drive(duration=8.0, rate=10, shot_every=2), runs=25)
+@pytest.mark.parametrize("runs", [12, pytest.param(40, marks=pytest.mark.slow)])
+def test_with_the_usual_noise_and_errors_that_measurements_share_the_mean_is_right(runs: int) -> None:
+    verdict = ensemble(2, TrackerConfig(), Drive(duration=8.0, rate=10, shot_every=2), runs=runs)
     assert 3.2 < verdict.nees < 4.8, verdict
     assert 3.7 < verdict.nis < 4.3, verdict
 
 
-def test_without_the_shared_part_in_the_model_errors_are_larger_than_they_are_said_to_be() -> None:
+@pytest.mark.parametrize("runs", [10, pytest.param(40, marks=pytest.mark.slow)])
+def test_without_the_shared_part_in_the_model_errors_are_larger_than_they_are_said_to_be(runs: int) -> None:
     rng = np.random.default_rng(3)
     drive = Drive(duration=8.0, rate=20, shot_every=2, sigma_m=0.0004, sigma_yaw=0.0004)
     true = TrackerConfig(errors=MeasurementErrors(wander_m=0.0, wander_yaw_deg=0.0))
     naive = replace(true, errors=replace(true.errors, common_position_m=0.0, common_yaw_deg=0.0))
-    approaches = [simulate(rng, true, drive) for _ in range(24)]
+    approaches = [simulate(rng, true, drive) for _ in range(runs)]
     honest, wrong = (judged([tracked(one, config, 1.0) for one in approaches]) for config in (true, naive))
     assert honest.nees < 4.4
-    assert wrong.nees > 4.6
+    assert wrong.nees > 1.2 * honest.nees
 
 
 @pytest.mark.slow

@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from palletloc.geometry import LevelPose
 from palletloc.measurement import PalletMeasurement, YawSource
 from tracking import EventKind, Odometry, PalletTracker, PartialMeasurement, ShotTaken, Twist, UnknownTrackError
-from tracking.faults import BadInputError
 from tracking.observation import COMPONENTS
 from tracking.tracker import Input
+from tracking.validation import BadInputError
 
 FEW = settings(
-    max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+    max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
 )
 MANY = settings(FEW, max_examples=1000)
 ODD = st.sampled_from([0.0, -0.0, math.nan, math.inf, -math.inf, 1e300, -1e300, 1e-300, 1e6, 1e5, 1e3])

@@ -9,8 +9,8 @@ import pytest
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.measurement import PalletMeasurement
 from tracking.config import MeasurementErrors
-from tracking.faults import BadInputError
 from tracking.observation import ALL, Observation, PartialMeasurement, observe
+from tracking.validation import BadInputError
 
 ERRORS = MeasurementErrors(inflation=1.0)
 POSE = LevelPose(3.0, 2.0, 0.1, 1.2)

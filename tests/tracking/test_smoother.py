@@ -13,16 +13,13 @@ from scipy.stats import chi2
 from palletloc.geometry import FloatArray, LevelPose, level_pose, wrap_angle
 from palletloc.measurement import PalletMeasurement, YawSource
 from tracking.config import GateConfig, MeasurementErrors, TrackerConfig, WindowConfig
-from tracking.filter import PalletFilter
-from tracking.joint import Joint, alone
-from tracking.joint_filter import JointFilter, Seen
+from tracking.filter import GroupFilter, model_of
+from tracking.gating import Association
 from tracking.motion import Motion, Twist
-from tracking.observation import Observation, observe
+from tracking.observation import Observation, ShotTaken, observe
 from tracking.odometry import Odometry, OdometryNoise
-from tracking.shot_taken import ShotTaken
-from tracking.smoother import SmoothedMoment, smoothed, smoothed_joints
-from tracking.state import POSE, Gaussian
-from tracking.track import Key
+from tracking.smoother import SmoothedMoment, smoothed, smoothed_groups
+from tracking.state import POSE, Gaussian, Key, TrackGroup
 from tracking.tracker import Input, PalletTracker
 
 NOISE = OdometryNoise(wheel_scale_percent=2.0, gyro_bias_deg_s=0.3)
@@ -97,30 +94,32 @@ def nees(state: Gaussian, true: FloatArray) -> float:
     return float(away @ np.linalg.solve(state.covariance[POSE, POSE], away))
 
 
-def chain_of(tracker: PalletTracker) -> dict[float, Joint]:
-    return {moment.time: joint for moment in tracker.history() for joint in moment.joints}
+def chain_of(tracker: PalletTracker) -> dict[float, TrackGroup]:
+    return {moment.time: group for moment in tracker.history() for group in moment.groups}
 
 
-def smoothed_chain(chain: Sequence[Joint]) -> list[Gaussian]:
-    return [state for (state,) in smoothed_joints([[joint] for joint in chain])]
+def smoothed_chain(chain: Sequence[TrackGroup]) -> list[Gaussian]:
+    return [state for (state,) in smoothed_groups([[group] for group in chain])]
 
 
-def without_odometry(chain: Sequence[Joint]) -> list[Joint]:
+def without_odometry(chain: Sequence[TrackGroup]) -> list[TrackGroup]:
     """Return a track as a smoother for motions without input has it: expected is F times the state before."""
     blind = [chain[0]]
-    for before, joint in pairwise(chain):
-        assert joint.foretold is not None
-        expected = Gaussian(joint.foretold.F @ before.state.mean, joint.foretold.state.covariance)
-        blind.append(replace(joint, foretold=replace(joint.foretold, state=expected)))
+    for before, group in pairwise(chain):
+        assert group.predicted is not None
+        expected = Gaussian(group.predicted.F @ before.state.mean, group.predicted.state.covariance)
+        blind.append(replace(group, predicted=replace(group.predicted, state=expected)))
     return blind
 
 
-RUNS = [approach(seed) for seed in range(40)]
+@cache
+def run_of(seed: int) -> Approach:
+    return approach(seed)
 
 
 @cache
-def chain_of_run(seed: int) -> dict[float, Joint]:
-    return chain_of(followed(RUNS[seed]))
+def chain_of_run(seed: int) -> dict[float, TrackGroup]:
+    return chain_of(followed(run_of(seed)))
 
 
 def rms(all_errors: Sequence[FloatArray]) -> FloatArray:
@@ -129,8 +128,8 @@ def rms(all_errors: Sequence[FloatArray]) -> FloatArray:
 
 def test_the_smoother_beats_the_filter_and_one_without_odometry_fails() -> None:
     of_filter, of_smoother, of_blind = [], [], []
-    for seed, run in enumerate(RUNS[:12]):
-        chain = chain_of_run(seed)
+    for seed in range(8):
+        chain, run = chain_of_run(seed), run_of(seed)
         tracks = list(chain.values())
         smooth, blind = smoothed_chain(tracks), smoothed_chain(without_odometry(tracks))
         for i, time in enumerate(chain):
@@ -142,13 +141,14 @@ def test_the_smoother_beats_the_filter_and_one_without_odometry_fails() -> None:
 
 
 @pytest.mark.parametrize("step", [0, SHOTS // 2, SHOTS - 1])
-def test_the_smoothers_covariance_is_honest(step: int) -> None:
+@pytest.mark.parametrize("runs", [8, pytest.param(60, marks=pytest.mark.slow)])
+def test_the_smoothers_covariance_is_honest(step: int, runs: int) -> None:
     """The sum of n squared normalised errors of four degrees of freedom is a chi-square variable of 4 n."""
     values = []
-    for seed, run in enumerate(RUNS):
+    for seed in range(runs):
         chain = chain_of_run(seed)
         time = list(chain)[step]
-        values.append(nees(smoothed_chain(list(chain.values()))[step], run.truth[time]))
+        values.append(nees(smoothed_chain(list(chain.values()))[step], run_of(seed).truth[time]))
     low, high = (float(chi2.ppf(p, 4 * len(values))) / len(values) for p in (0.0005, 0.9995))
     assert low < np.mean(values) < high
 
@@ -169,11 +169,10 @@ def test_what_odometry_gets_wrong_is_known_from_the_begin() -> None:
     assert [state.mean[4] for state in smooth] == pytest.approx([smooth[-1].mean[4]] * len(smooth), abs=1e-9)
 
 
-def straight(config: TrackerConfig, count: int = 8) -> tuple[list[Joint], list[Motion], list[Observation]]:
+def straight(config: TrackerConfig, count: int = 8) -> tuple[list[TrackGroup], list[Motion], list[Observation]]:
     """Filter a way without turns, whose equations are linear."""
-    random, engine = np.random.default_rng(5), PalletFilter(config)
-    together = JointFilter(engine)
-    chain: list[Joint] = []
+    random, group_filter = np.random.default_rng(5), GroupFilter(config)
+    chain: list[TrackGroup] = []
     motions: list[Motion] = []
     observations: list[Observation] = []
     for step in range(count):
@@ -182,11 +181,11 @@ def straight(config: TrackerConfig, count: int = 8) -> tuple[list[Joint], list[M
         assert isinstance(ready, Observation)
         observations.append(ready)
         if not chain:
-            chain.append(alone(Key(0.0, ""), engine.begin(observations[0])))
+            chain.append(TrackGroup((Key(0.0, ""),), group_filter.begin(observations[0])))
         else:
             motions.append(config.odometry.moved(Twist(0.6, 0.0, 0.0), 0.5))
-            foretold = together.predicted([chain[-1]], motions[-1])
-            chain += together.updated(foretold, [[Seen(0, observations[-1])]])
+            (predicted,) = group_filter.predict_groups([chain[-1]], motions[-1])
+            chain.append(group_filter.update_group(predicted, [(0, Association(observations[-1]))]))
     return chain, motions, observations
 
 
@@ -200,17 +199,17 @@ def test_on_a_linear_way_it_is_the_least_squares_solution(errors_alike: Measurem
     """All states together, conditioned on all measurements at once; a gyroscope without bias makes it singular."""
     config = replace(HONEST, odometry=STRAIGHT, errors=errors_alike)
     chain, motions, observations = straight(config)
-    engine, size, count = PalletFilter(config), 10, len(chain)
+    group_filter, size, count = GroupFilter(config), 10, len(chain)
     mean = np.zeros((count, size))
     covariance = np.zeros((count, size, count, size))
-    mean[0], covariance[0, :, 0] = engine.begin(observations[0])
+    mean[0], covariance[0, :, 0] = group_filter.begin(observations[0])
     for k, motion in enumerate(motions):
-        F, Q, mean[k + 1] = engine.transition(mean[k], motion)
+        F, Q, mean[k + 1] = group_filter.transition(mean[k], motion)
         for j in range(k + 1):
             covariance[k + 1, :, j] = F @ covariance[k, :, j]
             covariance[j, :, k + 1] = covariance[k + 1, :, j].T
         covariance[k + 1, :, k + 1] = F @ covariance[k, :, k] @ F.T + Q
-    models = [engine.model(one) for one in observations[1:]]
+    models = [model_of(observation) for observation in observations[1:]]
     H = np.zeros((4 * len(models), count * size))
     R = np.zeros((4 * len(models), 4 * len(models)))
     for k, (rows, noise) in enumerate(models):
@@ -238,7 +237,7 @@ def test_a_perfect_odometry_makes_one_pallet_of_all_shots() -> None:
 
 def test_nothing_is_carried_back_over_a_break() -> None:
     chain, _, _ = straight(HONEST)
-    broken = [*chain[:4], replace(chain[4], foretold=None, carried=()), *chain[5:]]
+    broken = [*chain[:4], replace(chain[4], predicted=None, carried=()), *chain[5:]]
     states, alone = smoothed_chain(broken), [*smoothed_chain(chain[:4]), *smoothed_chain(broken[4:])]
     for state, expected in zip(states, alone, strict=True):
         assert (state.mean == expected.mean).all()
@@ -246,7 +245,7 @@ def test_nothing_is_carried_back_over_a_break() -> None:
     assert abs(states[3].mean[0] - smoothed_chain(chain)[3].mean[0]) > 1e-6
 
 
-def turned(by: float) -> list[Joint]:
+def turned(by: float) -> list[TrackGroup]:
     """Return a run's track with another heading of the pallet."""
 
     def rotated(one: Input) -> Input:
@@ -256,7 +255,7 @@ def turned(by: float) -> list[Joint]:
         return replace(one, forklift_from_pallet=replace(pose, yaw=wrap_angle(pose.yaw + by)))
 
     tracker = PalletTracker(HONEST, keep_history=True)
-    for given in RUNS[2].inputs:
+    for given in run_of(2).inputs:
         tracker.push([rotated(one) for one in given])
     return list(chain_of(tracker).values())
 
@@ -265,9 +264,9 @@ def turned(by: float) -> list[Joint]:
 def test_a_yaw_may_pass_through_half_a_turn(step: int) -> None:
     """With another heading the same errors come out, also where the cut lies between two states of one step."""
     tracks = turned(0.0)
-    plain, foretold = smoothed_chain(tracks), tracks[step].foretold
-    assert foretold is not None
-    by = math.pi - float(plain[step].mean[3] + foretold.state.mean[3]) / 2
+    plain, predicted = smoothed_chain(tracks), tracks[step].predicted
+    assert predicted is not None
+    by = math.pi - float(plain[step].mean[3] + predicted.state.mean[3]) / 2
     over = smoothed_chain(turned(by))
     assert len({np.sign(state.mean[3]) for state in over}) == 2
     for one, other in zip(plain, over, strict=True):
@@ -279,7 +278,7 @@ def test_a_yaw_may_pass_through_half_a_turn(step: int) -> None:
 @pytest.mark.parametrize("window", [0.2, 20.0])
 def test_the_window_does_not_matter_even_where_nothing_is_seen_for_longer(window: float) -> None:
     """Where no shot comes, the tracker carries its tracks on; the smoother goes back through that, too."""
-    gap = [given for given in RUNS[4].inputs if not (isinstance(given[0], ShotTaken) and 1.9 < given[0].time < 5.5)]
+    gap = [given for given in run_of(4).inputs if not (isinstance(given[0], ShotTaken) and 1.9 < given[0].time < 5.5)]
     tracker = followed(Approach(gap, {}), replace(HONEST, window=WindowConfig(window_s=window)))
     other = followed(Approach(gap, {}))
     shots = {given[0].time for given in gap if isinstance(given[0], ShotTaken)}
@@ -296,12 +295,12 @@ def all_of(moments: Sequence[SmoothedMoment]) -> FloatArray:
 
 
 def test_late_shots_lead_to_the_same_history() -> None:
-    shots = [given for given in RUNS[3].inputs if isinstance(given[0], ShotTaken)]
+    shots = [given for given in run_of(3).inputs if isinstance(given[0], ShotTaken)]
     late = sorted(
-        RUNS[3].inputs, key=lambda given: given[0].time + (1.3 if any(given is one for one in shots) else 0.0)
+        run_of(3).inputs, key=lambda given: given[0].time + (1.3 if any(given is one for one in shots) else 0.0)
     )
-    assert late != RUNS[3].inputs
-    in_order = smoothed(followed(RUNS[3]).history())
+    assert late != run_of(3).inputs
+    in_order = smoothed(followed(run_of(3)).history())
     delayed = smoothed(followed(Approach(late, {})).history())
     times = {moment.time for moment in in_order}
     shared = [moment for moment in delayed if moment.time in times]
@@ -310,7 +309,7 @@ def test_late_shots_lead_to_the_same_history() -> None:
 
 
 def test_a_history_is_kept_over_more_than_the_window_and_only_where_asked() -> None:
-    tracker = followed(RUNS[0])
-    assert {moment.time for moment in tracker.history()} >= RUNS[0].truth.keys()
+    tracker = followed(run_of(0))
+    assert {moment.time for moment in tracker.history()} >= run_of(0).truth.keys()
     with pytest.raises(ValueError, match="keep_history"):
         PalletTracker().history()

@@ -15,7 +15,7 @@ from tracking import Odometry, PalletTracker, ShotTaken, SnapshotError, TrackerC
 from tracking.config import GateConfig, LifeConfig
 
 SiteMaker = Callable[..., Any]
-FEW = settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+FEW = settings(max_examples=4, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 def again(tracker: PalletTracker) -> PalletTracker:
@@ -67,7 +67,7 @@ def test_a_rival_and_another_config_are_kept(make_site: SiteMaker) -> None:
     tracker = PalletTracker(config)
     for k in range(40):
         tracker.push([site.odometry(k / 5), site.measured(0, k / 5, (0.3 * (k > 20), 0.0, 0.0, 0.0))])
-    assert tracker._replay.base.tracks[0].rival is not None
+    assert tracker._window.base.tracks[0].rival is not None
     restored = again(tracker)
     assert restored.config == config
     for k in range(40, 55):
@@ -106,23 +106,42 @@ def broken(snapshot: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("path", "value", "words"),
     [
-        ("version", 1, "version: expected 2, got 1"),
-        ("version", KeyError, "version: expected 2, got None"),
-        ("looks", KeyError, "looks"),
-        ("more", 1, "more"),
-        ("newest", "soon", "newest"),
-        ("base.joints.0.mean", [1.0], r"base\.joints: expected 10 numbers and their covariance for 1 tracks"),
-        ("base.joints.0.mean.0", float("nan"), r"base\.joints\.0\.mean"),
-        ("base.joints.0.covariance.3", [1.0], r"base\.joints: expected 10 numbers"),
-        ("base.joints.0.keys", [], r"base\.joints\.0\.keys"),
-        ("base.joints", [], r"base\.joints: expected every track in one of them"),
-        ("looks.0.measurements.0.covariance", [[1.0]], "covariance"),
-        ("looks.0.measurements.0.kind", "guess", "kind"),
+        ("version", 2, "version: expected 3, got 2"),
+        ("version", KeyError, "version: expected 3, got None"),
+        ("version", True, "version: expected 3, got True"),
+        ("shots", KeyError, "shots: is missing"),
+        ("more", 1, "more: is unknown"),
+        ("newest", "soon", "newest: expected a finite number"),
+        ("newest", 10**400, "newest: expected a finite number"),
+        ("following", True, "following: expected a whole number, got True"),
+        ("following", 1, "following: expected more than all numbers"),
+        ("time", 1e6, "time: expected one before the window"),
+        ("time", None, "time: expected a time"),
+        ("groups.0.state.mean", [1.0], r"groups\.0\.state: expected 10 numbers and their covariance for 1 tracks"),
+        ("groups.0.state.mean.0", float("nan"), r"groups\.0\.state\.mean\.0: expected a finite number"),
+        ("groups.0.state.mean.0", 7.0, r"tracks\.0\.state: expected what its group knows of the pallet"),
+        ("groups.0.state.covariance.3", [1.0], r"groups\.0\.state\.covariance: expected rows of as many numbers"),
+        ("groups.0.state.covariance.0.0", -1.0, r"groups\.0\.state\.covariance: expected a positive semidefinite"),
+        ("groups.0.state.covariance.0.1", 1.0, r"groups\.0\.state\.covariance: expected a symmetric matrix"),
+        ("groups.0.state.covariance.0.0", "1.0", r"groups\.0\.state\.covariance\.0\.0: expected a finite number"),
+        ("groups.0.keys", [], "groups: expected every track in one of them"),
+        ("groups", [], "groups: expected every track in one of them"),
+        ("tracks.0.confirmed", 1, r"tracks\.0\.confirmed: expected true or false, got 1"),
+        ("tracks.0.model", None, r"tracks\.0\.model: expected a text, got None"),
+        ("tracks.0", 3, r"tracks\.0: expected a mapping, got 3"),
+        ("shots.0.1.0.covariance", [[1.0]], "covariance"),
+        ("shots.0.1.0.kind", "guess", r"shots\.0\.1\.0\.kind: expected one of PalletMeasurement, PartialMeasurement"),
+        ("shots.0.0", 1e9, "shots: expected"),
         ("odometry.0.pose", None, "expected a pose, rates, or both"),
-        ("news.numbers", [], "numbers"),
-        ("config.gate", KeyError, "config"),
-        ("config.gate.probability", "high", r"config\.gate\.probability"),
-        ("config.gate.more", 1, "config"),
+        ("odometry.0.time", 1e9, "odometry: expected"),
+        ("statuses.0.1", "sure", r"statuses\.0\.1: expected one of tentative, confirmed, coasting, got 'sure'"),
+        ("statuses.0", [1], r"statuses\.0: expected 2 values, got 1"),
+        ("elsewhere", 3.0, "elsewhere: expected a list, got 3.0"),
+        ("numbers", [], "numbers: expected a number for every track"),
+        ("latency_shots.0.around", [1.0], r"latency_shots\.0: expected an array of shape"),
+        ("config.gate", KeyError, r"config\.gate: is missing"),
+        ("config.gate.probability", "high", r"config\.gate\.probability: expected a finite number"),
+        ("config.gate.more", 1, r"config\.gate\.more: is unknown"),
     ],
 )
 def test_what_is_wrong_with_a_snapshot_is_said_in_one_line(

@@ -50,6 +50,6 @@ def test_four_models_of_one_real_lens_see_the_same() -> None:
     assert len(cameras) == 4
     u, v = np.meshgrid(np.linspace(60, 690, 12), np.linspace(50, 430, 9))
     seen = [camera.unproject(np.stack([u.ravel(), v.ravel()], axis=1)) for camera in cameras]
-    for one in seen[1:]:
-        apart = np.degrees(np.linalg.norm(one.directions - seen[0].directions, axis=1))
+    for other in seen[1:]:
+        apart = np.degrees(np.linalg.norm(other.directions - seen[0].directions, axis=1))
         assert np.sqrt((apart**2).mean()) < 0.15

@@ -10,11 +10,11 @@ import pytest
 import yaml
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from calibration.board_detection import detect_markers
 from calibration.formats.camera_file import FiledCamera, camera_text, optical
 from calibration.formats.convert import convert_camera, read_cameras
 from calibration.formats.kalibr import kalibr_text
 from calibration.formats.ocam import OcamCamera
+from calibration.targets.board_detection import detect_markers
 from palletloc.__main__ import COMMANDS
 from palletloc.cameras import (
     CameraModel,

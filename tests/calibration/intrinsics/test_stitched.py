@@ -10,8 +10,8 @@ import pytest
 import yaml
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from calibration.formats.camera_file import read_own
-from calibration.targets import CharucoBoard
+from calibration.targets.targets import CharucoBoard
+from palletloc import read_camera
 from palletloc.__main__ import COMMANDS
 from palletloc.cameras import CameraModel, Equirectangular, StitchedEquirectangular, StitchedLens
 from palletloc.cli.app import run
@@ -118,7 +118,7 @@ def test_the_lenses_behind_a_panorama_are_found(tmp_path: Path, capsys: pytest.C
     assert sigma[3:].max() < 0.001
     bends = np.array(data["bends"]["value"]) - [[0.004, -0.001], [-0.003, 0.0008]]
     assert (np.abs(bends) < 4 * np.array(data["bends"]["sigma"])).all()
-    camera = read_own(tmp_path / "camera.yaml")
+    camera = read_camera(tmp_path / "camera.yaml")
     assert isinstance(camera, StitchedEquirectangular)
     assert worst_point_deg(camera) < 0.01
     assert worst_point_deg(Equirectangular(*SIZE)) > 0.1
@@ -152,7 +152,7 @@ def test_stitched_shots_of_boards_give_the_lenses(tmp_path: Path, render: Callab
     middle = RigidTransform.from_translation([-0.4, -0.3, 0.0])
     shots = []
     for i, place in enumerate(places(5, 4)):
-        hung = [(one, place.inv() * pose * middle) for one, pose in zip(boards, room(1.3), strict=True)]
+        hung = [(board, place.inv() * pose * middle) for board, pose in zip(boards, room(1.3), strict=True)]
         cv2.imwrite(str(tmp_path / f"{i}.png"), render(truth, hung))
         shots.append(f"{i}.png")
     spec = {"columns": 4, "rows": 3, "square_m": 0.2, "marker_m": 0.15, "dictionary": "DICT_4X4_50"}

@@ -46,17 +46,6 @@ def test_exact_corners_give_the_lens_back(photograph: Photograph, name: str) -> 
     np.testing.assert_allclose(found, truth, rtol=1e-3, atol=1e-3)
 
 
-@pytest.mark.parametrize("name", [name for name in CAMERAS if name != "mei"])
-def test_noisy_corners_give_it_within_its_own_sigmas(photograph: Photograph, name: str) -> None:
-    model, camera = MODELS[name], CAMERAS[name]
-    errors = [
-        normalised_error(fitted(photograph(camera, 12, seed=seed), name), model.values(camera)) for seed in range(4)
-    ]
-    degrees = len(model.parameters)
-    # The mean over four of chi squared variables: within four of its standard deviations.
-    assert abs(np.mean(errors) - degrees) < 4 * np.sqrt(2 * degrees / 4)
-
-
 @pytest.mark.slow
 # Not of mei: xi and the focal length make a curved valley, and only its bearings have honest sigmas.
 @pytest.mark.parametrize("name", [name for name in CAMERAS if name != "mei"])
@@ -106,12 +95,13 @@ def test_boards_all_alike_leave_bearings_open(photograph: Photograph) -> None:
     assert worst[0] > 20 * worst[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["eucm", "mei"])
 def test_bearings_are_as_sure_as_they_say(photograph: Photograph, name: str) -> None:
     camera, model = CAMERAS[name], MODELS[name]
     angles = np.radians([20.0, 50.0, 70.0])
     around = np.linspace(0, 2 * np.pi, 12, endpoint=False)
-    angle, azimuth = (one.ravel() for one in np.meshgrid(angles, around, indexing="ij"))
+    angle, azimuth = (grid.ravel() for grid in np.meshgrid(angles, around, indexing="ij"))
     rays = np.stack([np.cos(angle), np.sin(angle) * np.cos(azimuth), np.sin(angle) * np.sin(azimuth)], axis=-1)
     pixels = camera.project(rays).pixels
     off, stated = [], []
@@ -176,7 +166,7 @@ def test_two_lenses_find_their_places() -> None:
 
 def test_lenses_that_never_see_one_board_have_no_places() -> None:
     views, _ = two_lens_views(20, shared=False)
-    alone = [view for view in views if sum(one.shot == view.shot for one in views) == 1]
+    alone = [view for view in views if sum(other.shot == view.shot for other in views) == 1]
     with pytest.raises(UnlinkedError, match="no shot shows one board through both lenses"):
         fit_lenses(alone, [MODELS["kannala_brandt"]] * 2, [Aperture(np.array([499.5, 499.5]), 1000.0)] * 2)
 

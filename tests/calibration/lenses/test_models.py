@@ -56,26 +56,6 @@ def test_derivatives_are_those_of_finite_differences(name: str) -> None:
         np.testing.assert_allclose(imaged.by_ray[:, :, i], (ends[0] - ends[1]) / 2e-6, rtol=1e-5, atol=1e-3)
 
 
-@every_model
-def test_the_axis_has_derivatives_too(name: str) -> None:
-    camera, model = CAMERAS[name], MODELS[name]
-    values = model.values(camera)
-    on_axis = model.evaluate(values, np.array([[2.0, 0.0, 0.0]]))
-    beside = model.evaluate(values, np.array([[2.0, 1e-5, -1e-5]]))
-    np.testing.assert_allclose(on_axis.pixels, [[camera.cx, camera.cy]])
-    np.testing.assert_allclose(on_axis.by_ray, beside.by_ray, atol=1e-2)
-    assert np.isfinite(on_axis.by_values).all()
-
-
-@pytest.mark.parametrize(
-    ("name", "shape"),
-    [("mei", (0.5, 0, 0, 0, 0)), ("double_sphere", (0.1, 0.4)), ("eucm", (0.3, 1.0)), ("pinhole", (0.0,) * 5)],
-)
-def test_where_there_is_no_image_there_is_no_number(name: str, shape: tuple[float, ...]) -> None:
-    values = np.array([300.0, 300.0, 400.0, 300.0, *shape])
-    assert np.isnan(MODELS[name].evaluate(values, np.array([[-1.0, 0.01, 0.0]])).pixels).all()
-
-
 def test_numbers_that_are_no_lens_are_not_admitted() -> None:
     model = MODELS["eucm"]
     good = model.values(CAMERAS["eucm"])

@@ -1,18 +1,21 @@
+import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from calibration.drive import Drive
 from calibration.findings import DEGENERATE, FAIL, PASS
-from calibration.shelf.assessment import assess_shelf
+from calibration.result_page import html_text, json_text
+from calibration.shelf.assessment import ShelfAssessment, assess_shelf
 from calibration.shelf.front_line import PALLETS, UPRIGHTS
+from calibration.shelf.landmarks import Skipped, motion_refusal
 from calibration.shelf.plane import Foot, PlaneEstimate, fuse
 from calibration.shelf.plane_sweep import Peak, PlaneSweep
 from calibration.shelf.problem import DriveSolution, Observed
-from calibration.shelf.report import shelf_data, shelf_page
-from calibration.shelf.shots import Skipped, motion_refusal
+from calibration.shelf.report import shelf_page
 from calibration.shelf.survey import Front, ShelfSurvey
 from calibration.shelf.upright_edges import Edges
 from palletloc.geometry import FloatArray, LevelPose
@@ -50,7 +53,13 @@ def survey(*estimates: PlaneEstimate, skipped: tuple[Skipped, ...] = (), scale: 
 
 def codes(found: ShelfSurvey) -> tuple[int, set[str]]:
     assessment = assess_shelf(found)
-    return assessment.exit_code, {one.code for one in assessment.findings}
+    return assessment.exit_code, {finding.code for finding in assessment.findings}
+
+
+def shown(assessment: ShelfAssessment) -> tuple[dict[str, Any], str]:
+    """Return a result as plain values and as a page."""
+    page = shelf_page(assessment)
+    return json.loads(json_text(page)), html_text(page)
 
 
 def test_methods_that_agree_pass() -> None:
@@ -92,8 +101,9 @@ def test_nothing_seen_is_degenerate_and_says_why() -> None:
     found = assess_shelf(survey(skipped=missing))
     assert (found.exit_code, found.findings[0].code) == (DEGENERATE, "short_baseline")
     assert "0.1 m" in found.findings[0].what
-    assert shelf_data(found)["exit_code"] == DEGENERATE
-    assert "cannot give the plane" in shelf_page(found)
+    data, page = shown(found)
+    assert data["exit_code"] == DEGENERATE
+    assert "cannot give the plane" in page
 
 
 @pytest.mark.parametrize(
@@ -115,8 +125,8 @@ def test_ways_that_cannot_triangulate_are_named(ends: tuple[float, float], count
 def test_the_report_holds_every_method_and_no_other_file() -> None:
     found = assess_shelf(survey(said(UPRIGHTS, 0.3, 1.91), replace(said("lines", 0.1, 1.0), distance=float("nan"),
                                 information=np.diag([1e5, 0.0]))))  # fmt: skip
-    data, page = shelf_data(found), shelf_page(found)
-    assert [one["method"] for one in data["methods"]] == [UPRIGHTS, "lines"]
+    data, page = shown(found)
+    assert [method["method"] for method in data["methods"]] == [UPRIGHTS, "lines"]
     assert data["methods"][1]["distance_m"] is None
     assert 'src="data:' in page
     assert "http://" not in page.replace("http://www.w3.org", "")
@@ -128,10 +138,10 @@ def test_the_peaks_of_a_sweep_are_told(refusal: str | None) -> None:
     peaks = (Peak(2.01, 0.2), Peak(1.87, 0.17))
     after = replace(before, sweep=PlaneSweep(np.array([1.9, 2.0]), np.array([0.1, 0.2]), 900, peaks, refusal))
     assert codes(after) == (PASS, {refusal} - {None})
-    data, page = shelf_data(assess_shelf(after)), shelf_page(assess_shelf(after))
-    assert data["shelf"] == shelf_data(assess_shelf(before))["shelf"]
+    data, page = shown(assess_shelf(after))
+    assert data["shelf"] == shown(assess_shelf(before))[0]["shelf"]
     told = data["sweep"]
     assert [told["code"], told["distance_m"]] == ([None, 2.01] if refusal is None else [refusal, None])
-    assert [one["distance_m"] for one in told["peaks"]] == [2.01, 1.87]
+    assert [peak["distance_m"] for peak in told["peaks"]] == [2.01, 1.87]
     assert "+100" in page
     assert "-40" in page

@@ -1,8 +1,8 @@
 """A beam drawn by casting rays: each shot alone tells where its front edge is."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
@@ -12,10 +12,8 @@ from calibration.shelf.beam_line import BeamSearch, beam_lines
 from calibration.shelf.plane import Foot
 from palletloc.cameras import Equirectangular
 from palletloc.geometry import FloatArray
-from palletloc.io.recording import Recording, ShotFile
-from palletloc.pallet_library import find_models
+from palletloc.io.recording import Recording
 from palletloc.shelf import ShelfPlane
-from palletloc.trajectory import Trajectory
 
 LEVEL, HEIGHT, FRONT = 1.2, 0.12, 1.9
 TURN = float(np.radians(0.6))
@@ -44,20 +42,10 @@ def drawn(pose: FloatArray) -> FloatArray:
 
 
 @pytest.fixture(scope="module")
-def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
-    folder = tmp_path_factory.mktemp("beam")
-    for i, pose in enumerate(POSES):
-        cv2.imwrite(str(folder / f"{i}.png"), drawn(pose).round().astype(np.uint8))
-    times = np.arange(4.0)
-    return Recording(
-        folder,
-        CAMERA,
-        MOUNTING,
-        ShelfPlane(0.0, FRONT, -np.pi / 2, (0.0, LEVEL)),
-        find_models(("epal1-1200",), {}),
-        tuple(ShotFile(float(i), f"{i}.png") for i in range(4)),
-        Trajectory(times, *POSES.T),
-    )
+def recording(tmp_path_factory: pytest.TempPathFactory, recorded: Callable[..., Recording]) -> Recording:
+    shelf = ShelfPlane(0.0, FRONT, -np.pi / 2, (0.0, LEVEL))
+    pictures = (drawn(pose) for pose in POSES)
+    return recorded(tmp_path_factory.mktemp("beam"), CAMERA, MOUNTING, POSES, shelf, pictures)
 
 
 FOOT = Foot(np.array([0.9, 0.0]), np.pi / 2)

@@ -23,7 +23,7 @@ def posts(turn: float, distance: float, places: tuple[float, ...], votes: float 
 
 
 def joined(*parts: Edges) -> Edges:
-    return Edges(*(np.concatenate([getattr(one, name) for one in parts]) for name in ("places", "vote", "side")))
+    return Edges(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("places", "vote", "side")))
 
 
 def noise(edges: Edges, sigma: float = 0.002) -> FloatArray:

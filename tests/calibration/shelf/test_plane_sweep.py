@@ -1,6 +1,6 @@
 """A textured front with gaps before a textured back wall, drawn by casting rays."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import cv2
@@ -13,10 +13,8 @@ from calibration.shelf.plane import Foot, PlaneEstimate, fuse
 from calibration.shelf.plane_sweep import REACH, SIGMA, SWEEP, PlaneSweep, judged, sweep_estimate, sweep_plane
 from palletloc.cameras import Equirectangular
 from palletloc.geometry import FloatArray
-from palletloc.io.recording import Recording, ShotFile
-from palletloc.pallet_library import find_models
+from palletloc.io.recording import Recording
 from palletloc.shelf import ShelfPlane
-from palletloc.trajectory import Trajectory
 
 FRONT, BEHIND = 1.8, 0.9
 TURN = float(np.radians(0.7))
@@ -28,6 +26,7 @@ POSES = np.stack([np.linspace(0, 1.6, 4), [0.0, 0.02, 0.01, 0.0], 0.01 * np.aran
 FOOT = Foot(np.array([0.9, 0.05]), np.pi / 2)
 INTO = np.array([-np.sin(TURN), np.cos(TURN)])
 CELL = 0.02
+Swept = Callable[..., PlaneSweep]
 
 
 def shifted(distance: float) -> float:
@@ -63,52 +62,50 @@ def drawn(
     return np.clip(shot + sigma * rng.standard_normal(len(shot)), 0, 255).reshape(CAMERA.height, CAMERA.width)
 
 
-def swept(
-    folder: Path,
-    layers: Sequence[tuple[float, float]],
-    distance: float,
-    sigma: float = 2.0,
-    poses: FloatArray = POSES,
-) -> PlaneSweep:
-    rng = np.random.default_rng(7)
-    for i, pose in enumerate(poses):
-        cv2.imwrite(str(folder / f"{i}.png"), drawn(pose, layers, sigma, rng).round().astype(np.uint8))
-    recording = Recording(
-        folder, CAMERA, MOUNTING, ShelfPlane(0.0, FRONT, -np.pi / 2), find_models(("epal1-1200",), {}),
-        tuple(ShotFile(float(i), f"{i}.png") for i in range(len(poses))),
-        Trajectory(np.arange(float(len(poses))), *poses.T),
-    )  # fmt: skip
-    return sweep_plane(recording, range(len(poses)), poses, FOOT, TURN, shifted(distance))
+@pytest.fixture
+def swept(tmp_path: Path, recorded: Callable[..., Recording]) -> Swept:
+    """Return what sweeps a plane at a distance from odom's origin through shots of walls."""
+
+    def sweep(
+        layers: Sequence[tuple[float, float]], distance: float, sigma: float = 2.0, poses: FloatArray = POSES
+    ) -> PlaneSweep:
+        rng = np.random.default_rng(7)
+        shelf, pictures = ShelfPlane(0.0, FRONT, -np.pi / 2), (drawn(pose, layers, sigma, rng) for pose in poses)
+        recording = recorded(tmp_path, CAMERA, MOUNTING, poses, shelf, pictures)
+        return sweep_plane(recording, range(len(poses)), poses, FOOT, TURN, shifted(distance))
+
+    return sweep
 
 
-@pytest.mark.parametrize(("off", "sigma"), [(0.0, 2.0), (0.08, 2.0), (-0.07, 6.0)])
-def test_the_front_is_found_before_a_wall_that_fills_most_of_the_view(
-    off: float, sigma: float, tmp_path: Path
-) -> None:
-    found = swept(tmp_path, [(FRONT, 0.4), (FRONT + BEHIND, 1.0)], FRONT + off, sigma)
+@pytest.mark.parametrize(
+    ("off", "sigma"),
+    [pytest.param(0.0, 2.0, marks=pytest.mark.slow), pytest.param(0.08, 2.0, marks=pytest.mark.slow), (-0.07, 6.0)],
+)
+def test_the_front_is_found_before_a_wall_that_fills_most_of_the_view(off: float, sigma: float, swept: Swept) -> None:
+    found = swept([(FRONT, 0.4), (FRONT + BEHIND, 1.0)], FRONT + off, sigma)
     assert found.refusal is None
     assert found.peaks[0].distance == pytest.approx(shifted(FRONT), abs=0.005)
 
 
-def test_the_wall_alone_gives_no_distance(tmp_path: Path) -> None:
-    assert swept(tmp_path, [(FRONT + BEHIND, 1.0)], FRONT).refusal == "sweep_flat"
+def test_the_wall_alone_gives_no_distance(swept: Swept) -> None:
+    assert swept([(FRONT + BEHIND, 1.0)], FRONT).refusal == "sweep_flat"
 
 
-def test_a_plane_outside_the_window_is_not_moved_into_it(tmp_path: Path) -> None:
-    found = swept(tmp_path, [(FRONT, 1.0)], FRONT - REACH - 0.005)
+def test_a_plane_outside_the_window_is_not_moved_into_it(swept: Swept) -> None:
+    found = swept([(FRONT, 1.0)], FRONT - REACH - 0.005)
     assert found.refusal == "sweep_at_edge"
 
 
-def test_two_planes_that_show_alike_are_both_named_and_neither_is_taken(tmp_path: Path) -> None:
-    found = swept(tmp_path, [(FRONT - 0.07, 0.42), (FRONT + 0.07, 1.0)], FRONT)
+def test_two_planes_that_show_alike_are_both_named_and_neither_is_taken(swept: Swept) -> None:
+    found = swept([(FRONT - 0.07, 0.42), (FRONT + 0.07, 1.0)], FRONT)
     assert found.refusal == "sweep_ambiguous"
-    near, far = sorted(one.distance for one in found.peaks[:2])
+    near, far = sorted(peak.distance for peak in found.peaks[:2])
     assert [near, far] == pytest.approx([shifted(FRONT - 0.07), shifted(FRONT + 0.07)], abs=0.01)
 
 
-def test_shots_without_a_baseline_give_no_distance(tmp_path: Path) -> None:
+def test_shots_without_a_baseline_give_no_distance(swept: Swept) -> None:
     near = np.stack([np.linspace(0, 0.1, 3), np.zeros(3), np.zeros(3)], axis=1)
-    found = swept(tmp_path, [(FRONT, 1.0)], FRONT, poses=near)
+    found = swept([(FRONT, 1.0)], FRONT, poses=near)
     assert (found.windows, found.peaks, found.refusal) == (0, (), "sweep_flat")
 
 
@@ -166,7 +163,7 @@ def test_a_clear_peak_is_as_sure_as_the_planes_stand_together_and_it_is_narrow()
             ("alone", 0.015, apart[:1]),
         )
     }
-    sigma = {name: one.sigma[1] for name, one in found.items() if one is not None}
+    sigma = {name: estimate.sigma[1] for name, estimate in found.items() if estimate is not None}
     assert 0.06 < sigma["apart"] < 0.075
     assert 0.03 < sigma["close"] < 0.045
     assert sigma["wide"] > 1.2 * sigma["close"]

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from calibration.drive import Drive, compose, relative
-from calibration.shelf.pallets import PalletSight
-from calibration.shelf.problem import EdgeSight, Observed, same_pallets, solve
+from calibration.shelf.pallets import PalletObservation
+from calibration.shelf.problem import EdgeObservation, Observed, same_pallets, solve
 from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 
 CAMERA = np.array([0.3, -0.1])
@@ -37,12 +37,12 @@ def observed(seed: int = 0, *, scale: float = 1.0, bias: float = 0.0, yaw: float
             seen = compose(np.array([*CAMERA, yaw]), relative(pose, pallet) - center)
             seen = seen + rng.multivariate_normal(np.zeros(3), covariance)
             level = LevelPose(float(seen[0]), float(seen[1]), 0.0, float(seen[2]))
-            sights.append(PalletSight(shot, "m", level, covariance))
+            sights.append(PalletObservation(shot, "m", level, covariance))
             owner.append(i)
         for i, edge in enumerate(EDGES):
             x, y, _ = relative(pose, np.array([*edge, 0.0])) - center
             azimuth = float(np.arctan2(y, x)) + yaw + BEARING_SIGMA * rng.standard_normal()
-            bearings.append(EdgeSight(shot, i, azimuth, BEARING_SIGMA))
+            bearings.append(EdgeObservation(shot, i, azimuth, BEARING_SIGMA))
     return Observed(drive, CAMERA, tuple(sights), np.array(owner), tuple(bearings))
 
 
@@ -58,6 +58,7 @@ def test_poses_and_landmarks_are_found_although_the_odometry_is_off() -> None:
     assert found.bias == pytest.approx(-0.006, abs=0.001)
 
 
+@pytest.mark.slow
 def test_errors_stay_within_what_the_covariance_says() -> None:
     squares = []
     for seed in range(12):
@@ -72,7 +73,7 @@ def test_one_wrong_pallet_does_not_move_the_edges() -> None:
     right = observed(2)
     wrong = list(right.pallets)
     bad = wrong[7]
-    wrong[7] = PalletSight(
+    wrong[7] = PalletObservation(
         bad.shot, bad.model, LevelPose(bad.pose.x + 0.2, bad.pose.y, 0.0, bad.pose.yaw), bad.covariance
     )
     moved = solve(Observed(right.drive, CAMERA, tuple(wrong), right.pallet_of, right.edges), EDGES)
@@ -92,7 +93,7 @@ def test_sights_of_one_pallet_are_joined_in_spite_of_drift() -> None:
     seen = observed(4, bias=0.01)
     sights, owner = same_pallets(seen.drive, seen.pallets[::-1])
     assert len(sights) == len(seen.pallets)
-    places = np.array([compose(way()[one.shot], one.planar)[:2] for one in sights])
+    places = np.array([compose(way()[sight.shot], sight.planar)[:2] for sight in sights])
     for i in range(3):
         assert np.ptp(places[owner == i], axis=0).max() < 0.1
     assert np.unique(owner).tolist() == [0, 1, 2]
@@ -100,7 +101,7 @@ def test_sights_of_one_pallet_are_joined_in_spite_of_drift() -> None:
 
 def test_a_pallet_that_is_seen_once_counts_for_nothing() -> None:
     seen = observed(4)
-    lone = PalletSight(0, "m", LevelPose(9.0, 2.0, 0.0, 1.57), np.eye(3) * 1e-6)
+    lone = PalletObservation(0, "m", LevelPose(9.0, 2.0, 0.0, 1.57), np.eye(3) * 1e-6)
     sights, owner = same_pallets(seen.drive, [*seen.pallets, lone])
     assert lone not in sights
     assert owner.max() == 2

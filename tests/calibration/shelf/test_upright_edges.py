@@ -5,11 +5,10 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from calibration.drive import relative
-from calibration.shelf.edge_sights import measure_edges, triangulated
 from calibration.shelf.front_line import upright_line
 from calibration.shelf.level_view import LevelView, level_view
 from calibration.shelf.plane import Foot
-from calibration.shelf.upright_edges import Edges, find_edges
+from calibration.shelf.upright_edges import Edges, find_edges, measure_edges, triangulated
 from palletloc.cameras import CameraModel, Equirectangular
 from palletloc.geometry import FloatArray, Image
 from palletloc.mounting import Mounting

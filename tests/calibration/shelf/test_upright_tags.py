@@ -1,19 +1,16 @@
 from collections.abc import Callable
 
-import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from calibration.shelf.plane import Foot
 from calibration.shelf.upright_tags import TagsOnUprights, tag_places, tag_plane
-from calibration.targets import SingleTag, TargetError
+from calibration.targets.targets import SingleTag, TargetError
 from palletloc.cameras import Equirectangular
 from palletloc.geometry import Image, LevelPose
-from palletloc.io.recording import Recording, ShotFile
-from palletloc.pallet_library import find_models
+from palletloc.io.recording import Recording
 from palletloc.shelf import ShelfPlane
-from palletloc.trajectory import Trajectory
 
 FRONT, TURN = 1.8, float(np.radians(1.0))
 TAGS = TagsOnUprights("DICT_4X4_50", 0.3, 0.01)
@@ -34,25 +31,19 @@ def hung(place: float, height: float) -> RigidTransform:
 
 @pytest.fixture(scope="module")
 def recording(
-    tmp_path_factory: pytest.TempPathFactory, render: Callable[..., Image], forklift_from_camera: RigidTransform
-) -> Recording:
-    folder = tmp_path_factory.mktemp("tags")
-    for i, (x, y, yaw) in enumerate(POSES.tolist()):
+    tmp_path_factory: pytest.TempPathFactory, render: Callable[..., Image], recorded: Callable[..., Recording],
+    forklift_from_camera: RigidTransform,
+) -> Recording:  # fmt: skip
+    def drawn(x: float, y: float, yaw: float) -> Image:
         camera_from_odom = (LevelPose(x, y, 0.0, yaw).transform() * forklift_from_camera).inv()
         tags = [
             (SingleTag(TAGS.size, TAGS.dictionary, number), camera_from_odom * hung(*place))
             for number, place in PLACES.items()
         ]
-        cv2.imwrite(str(folder / f"{i}.png"), render(CAMERA, tags))
-    return Recording(
-        folder,
-        CAMERA,
-        forklift_from_camera,
-        ShelfPlane(0.0, FRONT, -np.pi / 2),
-        find_models(("epal1-1200",), {}),
-        tuple(ShotFile(float(i), f"{i}.png") for i in range(2)),
-        Trajectory(np.arange(2.0), *POSES.T),
-    )
+        return render(CAMERA, tags)
+
+    shelf, pictures = ShelfPlane(0.0, FRONT, -np.pi / 2), (drawn(*pose) for pose in POSES.tolist())
+    return recorded(tmp_path_factory.mktemp("tags"), CAMERA, forklift_from_camera, POSES, shelf, pictures)
 
 
 def test_tags_on_two_uprights_give_the_front_behind_them(recording: Recording) -> None:

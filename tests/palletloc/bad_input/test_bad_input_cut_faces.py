@@ -25,10 +25,13 @@ Scenes = Callable[[str], Scene]
 Photograph = Callable[..., Shot]
 Check = Callable[..., int]
 
-EXAMPLES = settings().max_examples
-FEW = settings(max_examples=EXAMPLES * 5 // 100, phases=[Phase.generate])
-MANY = settings(max_examples=EXAMPLES * 20 // 100, phases=[Phase.generate])
-heights = pytest.mark.parametrize("known", [True, False], ids=["level", "free"])
+FEW = settings(max_examples=settings().max_examples * 5 // 100, phases=[Phase.generate])
+heights = pytest.mark.parametrize(
+    "known",
+    [True, pytest.param(True, marks=pytest.mark.slow), pytest.param(False, marks=pytest.mark.slow)],
+    ids=["level", "level-many", "free"],
+)
+"""Whether the levels are known; more examples are drawn with the slow tests."""
 SEAM = LevelPose(0.3, -0.08, 1.85, 0.0)
 """Where a camera of two lenses stands."""
 
@@ -85,17 +88,8 @@ def cut_by_border(scene: Scene, side: str, pallet: int, place: float, known: boo
     return measured(replace(shot, image=image, camera=camera), pallets, shelf, known)
 
 
-@FEW
-@given(name=lenses, side=sides, pallet=which, place=places)
-def test_a_pallet_cut_by_the_border_gives_no_wrong_row(
-    scenes: Scenes, measured: Check, name: str, side: str, pallet: int, place: float
-) -> None:
-    cut_by_border(scenes(name), side, pallet, place, True, measured)
-
-
-@pytest.mark.slow
 @heights
-@MANY
+@FEW
 @given(name=lenses, side=sides, pallet=which, place=places)
 def test_no_cut_by_the_border_gives_a_wrong_row(
     scenes: Scenes, measured: Check, name: str, side: str, pallet: int, place: float, known: bool
@@ -122,17 +116,8 @@ def cut_by_lens(scene: Scene, pallet: int, place: float, black: bool, known: boo
     return measured(replace(shot, image=image, camera=smaller), pallets, shelf, known)
 
 
-@FEW
-@given(pallet=which, place=places, black=st.booleans())
-def test_a_pallet_cut_by_the_limit_of_the_lens_gives_no_wrong_row(
-    scenes: Scenes, measured: Check, pallet: int, place: float, black: bool
-) -> None:
-    cut_by_lens(scenes("fisheye"), pallet, place, black, True, measured)
-
-
-@pytest.mark.slow
 @heights
-@MANY
+@FEW
 @given(pallet=which, place=places, black=st.booleans())
 def test_no_cut_by_the_limit_of_the_lens_gives_a_wrong_row(
     scenes: Scenes, measured: Check, pallet: int, place: float, black: bool, known: bool

@@ -21,11 +21,9 @@ from palletloc.synthetic.aisle import AisleSpec, draw_aisle
 from palletloc.synthetic.loads import stack
 from palletloc.synthetic.placing import ShelfFrame
 from palletloc.synthetic.rays import CameraRays, camera_rays
-from palletloc.synthetic.rendering import render
-from palletloc.synthetic.rig import camera_of, draw_mounting
+from palletloc.synthetic.rendering import lit, render
+from palletloc.synthetic.rig import Sensor, camera_of, draw_mounting, expose
 from palletloc.synthetic.scene import Solid
-from palletloc.synthetic.sensor import Sensor, expose
-from palletloc.synthetic.shading import lit
 
 Models = tuple[PalletModel, ...]
 Empty = tuple[Shot, ShelfPlane, ShelfFrame]
@@ -33,8 +31,7 @@ Empties = Callable[[int], Empty]
 Faults = Callable[..., list[str]]
 Makes = Callable[..., Localizer]
 
-EXAMPLES = settings().max_examples
-FEW = settings(max_examples=EXAMPLES * 6 // 100, phases=[Phase.generate])
+FEW = settings(max_examples=settings().max_examples * 6 // 100, phases=[Phase.generate])
 LEVELS = (0.0, 1.4)
 CAMERAS = ((CameraKind.PINHOLE, 640), (CameraKind.KANNALA_BRANDT, 800), (CameraKind.EQUIRECTANGULAR, 1280))
 BEGIN, END = -0.5, 3.5

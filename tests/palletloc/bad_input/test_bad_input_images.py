@@ -25,10 +25,13 @@ Faults = Callable[..., list[str]]
 Makes = Callable[..., Localizer]
 Check = Callable[..., None]
 
-EXAMPLES = settings().max_examples
-FEW = settings(max_examples=EXAMPLES * 4 // 100, phases=[Phase.generate])
-MANY = settings(max_examples=EXAMPLES * 16 // 100, phases=[Phase.generate])
-heights = pytest.mark.parametrize("known", [True, False], ids=["level", "free"])
+FEW = settings(max_examples=settings().max_examples * 4 // 100, phases=[Phase.generate])
+heights = pytest.mark.parametrize(
+    "known",
+    [True, pytest.param(True, marks=pytest.mark.slow), pytest.param(False, marks=pytest.mark.slow)],
+    ids=["level", "level-many", "free"],
+)
+"""Whether the levels are known; more examples are drawn with the slow tests."""
 refined = pytest.mark.parametrize("method", [Method.REFINED], ids=str, indirect=True)
 
 names = st.sampled_from(["floor", "rack", "fisheye", "pinhole"])
@@ -115,15 +118,8 @@ def filled(colour: tuple[int, int, int]) -> Callable[[Image], Image]:
     return lambda image: np.full_like(image, colour)
 
 
-@FEW
-@given(name=names, colour=colours)
-def test_an_image_of_one_colour_gives_no_row(empty: Check, name: str, colour: tuple[int, int, int]) -> None:
-    empty(name, filled(colour))
-
-
-@pytest.mark.slow
 @heights
-@MANY
+@FEW
 @given(name=names, colour=colours)
 def test_no_image_of_one_colour_gives_a_row(
     empty: Check, name: str, colour: tuple[int, int, int], known: bool
@@ -136,53 +132,22 @@ def test_black_and_white_give_no_row_at_any_height(fill: int, empty: Check) -> N
     empty("pinhole", filled((fill, fill, fill)), known=False)
 
 
+@heights
 @FEW
 @given(name=names, grain=grains, blocks=st.booleans(), seed=seeds)
-def test_noise_gives_no_row(empty: Check, name: str, grain: float, blocks: bool, seed: int) -> None:
-    empty(name, lambda image: noise(image.shape, grain, blocks, seed))
-
-
-@pytest.mark.slow
-@heights
-@MANY
-@given(name=names, grain=grains, blocks=st.booleans(), seed=seeds)
-def test_much_noise_gives_no_row(empty: Check, known: bool, name: str, grain: float, blocks: bool, seed: int) -> None:
+def test_noise_gives_no_row(empty: Check, known: bool, name: str, grain: float, blocks: bool, seed: int) -> None:
     empty(name, lambda image: noise(image.shape, grain, blocks, seed), known)
 
 
-@FEW
-@given(name=names, stops=stops)
-def test_too_much_or_too_little_light_gives_no_wrong_row(spoiled: Check, name: str, stops: float) -> None:
-    spoiled(name, lambda image: exposed(image, stops))
-
-
-@pytest.mark.slow
 @heights
-@MANY
+@FEW
 @given(name=names, stops=stops)
 def test_no_light_gives_a_wrong_row(spoiled: Check, known: bool, name: str, stops: float) -> None:
     spoiled(name, lambda image: exposed(image, stops), known)
 
 
-@refined
-@pytest.mark.xfail(
-    raises=AssertionError, reason="a pallet in glaring light: a confident row 90 mm off, at 7.5 sigmas"
-)
-def test_glaring_light_gives_no_wrong_row(spoiled: Check) -> None:
-    spoiled("rack", lambda image: exposed(image, 4.37), known=False)
-
-
-@FEW
-@given(name=names, fill=st.sampled_from([255, 255, 0, 128]), begin=parts, upright=st.booleans())
-def test_half_an_image_that_is_lost_gives_no_wrong_row(
-    spoiled: Check, name: str, fill: int, begin: float, upright: bool
-) -> None:
-    spoiled(name, lambda image: washed_out(image, fill, begin, 0.5, upright))
-
-
-@pytest.mark.slow
 @heights
-@MANY
+@FEW
 @given(name=names, fill=grays, begin=parts, share=st.floats(0.02, 0.9), upright=st.booleans())
 def test_no_lost_band_of_an_image_gives_a_wrong_row(
     spoiled: Check, name: str, fill: int, begin: float, share: float, upright: bool, known: bool
@@ -190,14 +155,40 @@ def test_no_lost_band_of_an_image_gives_a_wrong_row(
     spoiled(name, lambda image: washed_out(image, fill, begin, share, upright), known)
 
 
-@pytest.mark.xfail(
-    raises=AssertionError, reason="a band's end stands in for a side: a confident row 72 mm off, at 27 sigmas"
-)
-def test_a_band_that_ends_beside_a_pallet_gives_no_wrong_row(spoiled: Check) -> None:
-    spoiled("fisheye", lambda image: washed_out(image, 249, 0.4638, 0.4638, True))
-
-
 @pytest.mark.parametrize("name", ["fisheye", "pinhole"])
 @pytest.mark.parametrize("change", ["gray", "negative"])
 def test_an_image_without_its_colours_gives_no_wrong_row(change: str, name: str, spoiled: Check) -> None:
     spoiled(name, lambda image: np.asarray(image.mean(axis=2), np.uint8) if change == "gray" else 255 - image)
+
+
+def known_to_be_wrong(reason: str) -> pytest.MarkDecorator:
+    return pytest.mark.xfail(raises=AssertionError, reason=reason)
+
+
+@refined
+@known_to_be_wrong(
+    "square blocks as high as a face show what looks like one: so do one in thirty images of such noise"
+)
+def test_blocks_of_noise_as_high_as_a_face_give_no_row(empty: Check) -> None:
+    empty("fisheye", lambda image: noise(image.shape, 16.0, True, 43), known=False)
+
+
+@refined
+@known_to_be_wrong("in glaring light, a confident row 90 mm off, at 7.5 sigmas")
+def test_glaring_light_gives_no_wrong_row(spoiled: Check) -> None:
+    spoiled("rack", lambda image: exposed(image, 4.37), known=False)
+
+
+@refined
+@pytest.mark.parametrize(
+    ("fill", "begin", "share", "known"),
+    [
+        pytest.param(249, 0.4638, 0.4638, True, id="level"),
+        pytest.param(255, 0.625, 0.452, False, id="free"),
+    ],
+)
+@known_to_be_wrong("the end of a band stands in for a side: with the level, a confident row 72 mm off, at 27 sigmas")
+def test_a_band_that_ends_beside_a_pallet_gives_no_wrong_row(
+    fill: int, begin: float, share: float, known: bool, spoiled: Check
+) -> None:
+    spoiled("fisheye", lambda image: washed_out(image, fill, begin, share, True), known)

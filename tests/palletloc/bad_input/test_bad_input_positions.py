@@ -24,10 +24,13 @@ Faults = Callable[..., list[str]]
 Makes = Callable[..., Localizer]
 Check = Callable[[str, Image, bool], None]
 
-EXAMPLES = settings().max_examples
-FEW = settings(max_examples=EXAMPLES * 4 // 100, phases=[Phase.generate])
-MANY = settings(max_examples=EXAMPLES * 25 // 100, phases=[Phase.generate])
-heights = pytest.mark.parametrize("known", [True, False], ids=["level", "free"])
+FEW = settings(max_examples=settings().max_examples * 4 // 100, phases=[Phase.generate])
+heights = pytest.mark.parametrize(
+    "known",
+    [True, pytest.param(True, marks=pytest.mark.slow), pytest.param(False, marks=pytest.mark.slow)],
+    ids=["level", "level-many", "free"],
+)
+"""Whether the levels are known; more examples are drawn with the slow tests."""
 FLIPS = {"mirrored": (1, -1), "upside_down": (-1, 1), "half_turn": (-1, -1)}
 """Order of the rows and of the columns."""
 MAX_START_TURN = 20.0
@@ -125,17 +128,8 @@ def test_at_any_height_a_flipped_image_gives_only_rows_that_are_right_in_it(
     assert faults(explained, pallets + seen_in(shot, pallets, flip)) == []
 
 
-@FEW
-@given(name=lenses, turn_deg=tilts)
-def test_an_image_turned_about_the_lens_gives_no_wrong_row(
-    displaced: Check, scenes: Scenes, name: str, turn_deg: float
-) -> None:
-    displaced(name, rotated(scenes(name)[0].image, turn_deg), True)
-
-
-@pytest.mark.slow
 @heights
-@MANY
+@FEW
 @given(name=lenses, turn_deg=tilts)
 def test_no_turn_about_the_lens_gives_a_wrong_row(
     displaced: Check, scenes: Scenes, name: str, turn_deg: float, known: bool
@@ -143,18 +137,8 @@ def test_no_turn_about_the_lens_gives_a_wrong_row(
     displaced(name, rotated(scenes(name)[0].image, turn_deg), known)
 
 
-@FEW
-@given(name=st.sampled_from(["floor", "rack"]), turn_deg=turns)
-def test_a_round_image_turned_about_the_vertical_gives_no_wrong_row(
-    displaced: Check, scenes: Scenes, name: str, turn_deg: float
-) -> None:
-    image = scenes(name)[0].image
-    displaced(name, np.roll(image, round(turn_deg / 360 * image.shape[1]), axis=1), True)
-
-
-@pytest.mark.slow
 @heights
-@MANY
+@FEW
 @given(name=st.sampled_from(["floor", "rack"]), turn_deg=turns)
 def test_no_turn_about_the_vertical_gives_a_wrong_row(
     displaced: Check, scenes: Scenes, name: str, turn_deg: float, known: bool

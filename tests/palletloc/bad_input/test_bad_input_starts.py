@@ -25,12 +25,17 @@ Scenes = Callable[[str], Scene]
 Faults = Callable[..., list[str]]
 Makes = Callable[..., Localizer]
 Check = Callable[..., Explanation]
+Moves = tuple[float, float, float, float]
 
-EXAMPLES = settings().max_examples
-FEW = settings(max_examples=EXAMPLES * 6 // 100, phases=[Phase.generate])
-SOME = settings(max_examples=EXAMPLES * 12 // 100, phases=[Phase.generate])
-MANY = settings(max_examples=EXAMPLES * 60 // 100, phases=[Phase.generate])
-heights = pytest.mark.parametrize("known", [True, False], ids=["level", "free"])
+FEW = settings(max_examples=settings().max_examples * 6 // 100, phases=[Phase.generate])
+SOME = settings(FEW, max_examples=settings().max_examples * 12 // 100)
+heights = pytest.mark.parametrize(
+    "known",
+    [True, pytest.param(True, marks=pytest.mark.slow), pytest.param(False, marks=pytest.mark.slow)],
+    ids=["level", "level-many", "free"],
+)
+"""Whether the levels are known; more examples are drawn with the slow tests."""
+both = pytest.mark.parametrize("known", [True, False], ids=["level", "free"])
 
 names = st.sampled_from(["floor", "rack", "fisheye", "pinhole"])
 broken = st.sampled_from([np.nan, np.inf, -np.inf])
@@ -38,6 +43,8 @@ fields = st.sampled_from(["x", "y", "z", "yaw"])
 huge = st.sampled_from([1e7, -1e7, 1e160, -1e160, 1e308, -1e308])
 turns = st.floats(-np.radians(20.0), np.radians(20.0))
 along_ray = st.floats(-0.3, 0.8)
+moves = st.tuples(st.floats(-0.18, 0.18), st.floats(-0.5, 0.5), st.floats(-0.3, 0.3), turns)
+"""Of a start: less aside than half an opening."""
 anywhere = st.builds(
     LevelPose, st.floats(-7.0, 7.0), st.floats(-7.0, 7.0), st.floats(-3.0, 5.0), st.floats(-np.pi, np.pi)
 )
@@ -130,17 +137,8 @@ def test_levels_that_are_not_finite_are_no_levels(scenes: Scenes, localizer: Mak
     assert [outcome.candidate.height for outcome in found.outcomes] == [None]
 
 
-@FEW
-@given(name=names, pose=anywhere, which=st.integers(0, 1))
-def test_a_start_anywhere_gives_no_wrong_row(
-    started: Check, scenes: Scenes, name: str, pose: LevelPose, which: int
-) -> None:
-    started(name, [Start(scenes(name)[1][which][0].name, pose)])
-
-
-@pytest.mark.slow
 @heights
-@MANY
+@FEW
 @given(name=names, poses=st.lists(anywhere, min_size=1, max_size=4), which=st.integers(0, 1))
 def test_starts_anywhere_give_no_wrong_row(
     started: Check, scenes: Scenes, name: str, poses: list[LevelPose], which: int, known: bool
@@ -148,19 +146,8 @@ def test_starts_anywhere_give_no_wrong_row(
     started(name, [Start(scenes(name)[1][which][0].name, pose) for pose in poses], known)
 
 
-@FEW
-@given(name=names, which=st.integers(0, 1), farther=along_ray, turn=turns)
-def test_a_start_far_off_gives_no_wrong_row(
-    started: Check, scenes: Scenes, name: str, which: int, farther: float, turn: float
-) -> None:
-    shot, pallets, _ = scenes(name)
-    model, pose = pallets[which]
-    started(name, [Start(model.name, far_off(shot, pose, farther, turn))])
-
-
-@pytest.mark.slow
 @heights
-@MANY
+@FEW
 @given(name=names, which=st.integers(0, 1), farther=along_ray, turn=turns)
 def test_no_start_far_off_gives_a_wrong_row(
     started: Check, scenes: Scenes, name: str, which: int, farther: float, turn: float, known: bool
@@ -181,7 +168,7 @@ def test_a_start_of_another_model_than_stands_there_gives_no_wrong_row(
 
 
 @pytest.mark.parametrize("name", ["floor", "fisheye", "pinhole"])
-@heights
+@both
 def test_another_model_is_never_found(
     name: str, known: bool, started: Check, scenes: Scenes, request: pytest.FixtureRequest
 ) -> None:
@@ -212,20 +199,24 @@ def test_two_starts_on_one_pallet_lead_to_one_pose(
         assert np.abs(one - other)[:3].max() < 0.06
 
 
-@pytest.mark.slow
-@pytest.mark.xfail(
-    strict=False, reason="starts farther aside than an opening rarely find a face half an opening aside, or its rear"
-)
 @heights
-@MANY
-@given(data=st.data(), name=names)
-def test_starts_around_pallets_give_no_wrong_row(
-    started: Check, scenes: Scenes, data: st.DataObject, name: str, known: bool
+@FEW
+@given(name=names, moves=st.tuples(moves, moves, moves))
+def test_no_start_around_a_pallet_gives_a_wrong_row(
+    started: Check, scenes: Scenes, name: str, moves: tuple[Moves, ...], known: bool
 ) -> None:
-    _, pallets, _ = scenes(name)
-    shifts = st.tuples(st.floats(-0.8, 0.8), st.floats(-0.5, 0.5), st.floats(-0.3, 0.3), turns)
-    starts = []
-    for model, pose in pallets:
-        moved = (pose.as_array() + data.draw(shifts)).tolist()
-        starts.append(Start(model.name, LevelPose(*moved)))
+    starts = [
+        Start(model.name, LevelPose(*(pose.as_array() + move).tolist()))
+        for (model, pose), move in zip(scenes(name)[1], moves, strict=False)
+    ]
     started(name, starts, known)
+
+
+@pytest.mark.parametrize("method", [Method.REFINED], ids=str, indirect=True)
+@pytest.mark.xfail(
+    raises=AssertionError, reason="from 0.7 m aside, a confident row half an opening off, at 60 sigmas"
+)
+def test_a_start_farther_aside_than_an_opening_gives_no_wrong_row(scenes: Scenes, started: Check) -> None:
+    model, pose = scenes("rack")[1][2]
+    move = np.array([-0.705303716973279, -0.43117586641955463, -0.23272903984143478, 0.2225154874505622])
+    started("rack", [Start(model.name, LevelPose(*(pose.as_array() + move).tolist()))])

@@ -1,83 +1,46 @@
 from __future__ import annotations
 
 import csv
-import json
 import re
-import shutil
 from collections.abc import Callable
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from palletloc.cli.app import run
+import palletloc.report.evaluation_page
 from palletloc.evaluation.recording import ERROR_COLUMNS
-from palletloc.geometry import LevelPose, level_pose
-from palletloc.io.measurements import write_measurements
 from palletloc.io.recording import read_recording
-from palletloc.io.tracks import TrackRow, write_tracks
 from palletloc.io.truth import read_truth
-from palletloc.measurement import PalletMeasurement, YawSource
-from palletloc.track_status import Status
-
-SAMPLE = Path(str(files("palletloc") / "sample"))
-SIGMA = 0.005
-
-
-def write_run(folder: Path, depth: float = 0.003, yaw: float = 0.002, recording: Path = SAMPLE) -> Path:
-    """Write a run that finds every pallet in every shot, each too deep and turned by the same amounts."""
-    truth, read = read_truth(recording), read_recording(recording)
-    rows = []
-    for shot in read.shots:
-        forklift_from_world = truth.forklift.pose_at(shot.time).transform().inv()
-        for pallet in truth.pallets:
-            off = LevelPose(depth, 0.0, 0.0, yaw)
-            pose = level_pose(forklift_from_world * pallet.world_from_pallet.transform() * off.transform())
-            covariance = SIGMA**2 * np.eye(4)
-            rows.append(PalletMeasurement(shot.time, pallet.model, pose, covariance, 0.9, YawSource.FACE, shot.file))
-    folder.mkdir(parents=True)
-    write_measurements(folder / "measurements.csv", rows)
-    return folder
+from tests.palletloc.cli.sample_runs import (
+    SAMPLE,
+    SIGMA,
+    evaluate,
+    read_metrics,
+    with_tracks,
+    without_images,
+    write_run,
+)
 
 
-def with_tracks(folder: Path) -> Path:
-    """Add tracks of the same poses, the first one tentative."""
-    with (folder / "measurements.csv").open() as file:
-        cells = list(csv.DictReader(file))
-    rows = []
-    for number, one in enumerate(cells):
-        x, y, z, yaw = (float(one[name]) for name in ("x_m", "y_m", "z_m", "yaw_rad"))
-        status = Status.TENTATIVE if number == 0 else Status.CONFIRMED
-        pose = LevelPose(x, y, z, yaw)
-        rows.append(TrackRow(float(one["time_s"]), 1, one["model"], status, pose, SIGMA**2 * np.eye(4), 0.0, 3))
-    write_tracks(folder / "tracks.csv", rows)
-    return folder
-
-
-def evaluate(recording: Path, out: Path, *options: str | Path) -> int:
-    return run(["evaluate", str(recording), "--no-pictures", "--out", str(out), *map(str, options)])
-
-
-def read_metrics(out: Path) -> Any:
-    return json.loads((out / "metrics.json").read_text(encoding="utf-8"))
+@pytest.fixture(autouse=True)
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave the page empty, which takes most of the time and has tests of its own."""
+    monkeypatch.setattr(palletloc.report.evaluation_page, "evaluation_page", lambda *_, **__: "")
 
 
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
-    """Return a copy of the sample without its images."""
-    folder = tmp_path / "recording"
-    shutil.copytree(SAMPLE, folder, ignore=shutil.ignore_patterns("images"))
-    return folder
+    return without_images(tmp_path / "recording")
 
 
 def test_known_errors_come_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     assert evaluate(SAMPLE, out, "--estimate", write_run(tmp_path / "run")) == 0
-    (one,) = read_metrics(out)["runs"]
-    source = one["sources"]["measurements"]
-    assert (one["name"], source["detection"]["recall"]["share"], source["detection"]["false"]) == ("run", 1.0, 0)
+    (only,) = read_metrics(out)["runs"]
+    source = only["sources"]["measurements"]
+    assert (only["name"], source["detection"]["recall"]["share"], source["detection"]["false"]) == ("run", 1.0, 0)
     errors = source["errors"]
     assert errors["depth_m"]["bias"] == pytest.approx(0.003, abs=3e-6)
     assert errors["along_m"]["maximum"] < 3e-6
@@ -124,7 +87,7 @@ def test_range_and_pairing_are_stated_and_used(tmp_path: Path) -> None:
     assert near["sight"]["max_range_m"] == 3
     assert near["truth"]["pairing"]["rule"] == "interpolated"
     assert near["truth"]["pairing"]["limit_s"] == 0.5
-    counts = [one["runs"][0]["sources"]["measurements"]["detection"]["recall"]["of"] for one in (near, far)]
+    counts = [metrics["runs"][0]["sources"]["measurements"]["detection"]["recall"]["of"] for metrics in (near, far)]
     assert 0 < counts[0] < counts[1]
 
 
@@ -178,7 +141,7 @@ def test_bad_input_is_one_line_and_nothing_is_written(
     told: list[str],
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    folder = with_tracks(write_run(tmp_path / "run", recording=recording))
+    folder = with_tracks(write_run(tmp_path / "run"))
     fault(recording, folder)
     assert evaluate(recording, tmp_path / "out", "--estimate", folder) == 1
     (line,) = capsys.readouterr().err.splitlines()
@@ -200,7 +163,7 @@ def test_a_run_without_measurements_or_given_twice_is_refused(
 def test_a_shot_without_truth_is_left_out_and_said(
     tmp_path: Path, recording: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    folder = write_run(tmp_path / "run", recording=recording)
+    folder = write_run(tmp_path / "run")
     path = recording / "truth" / "forklift.csv"
     lines = path.read_text().splitlines()
     shot = read_recording(recording).shots[0].time
@@ -225,45 +188,44 @@ def test_runs_are_compared_with_the_first_shot_by_shot(tmp_path: Path, capsys: p
     lines = (folders[1] / "measurements.csv").read_text().splitlines()
     (folders[1] / "measurements.csv").write_text("\n".join(lines[:-1]) + "\n")
     options = [part for folder in folders for part in ("--estimate", folder)]
-    assert evaluate(SAMPLE, tmp_path / "out", *options, "--max-range", "50", "--no-pictures") == 0
+    assert evaluate(SAMPLE, tmp_path / "out", *options, "--max-range", "50") == 0
     (compared,) = read_metrics(tmp_path / "out")["comparisons"]
     assert (compared["first"], compared["second"], compared["source"]) == ("one", "two", "measurements")
     first, second = (
-        one["sources"]["measurements"]["errors"]["depth_m"]["n"] for one in read_metrics(tmp_path / "out")["runs"]
+        each["sources"]["measurements"]["errors"]["depth_m"]["n"] for each in read_metrics(tmp_path / "out")["runs"]
     )
     assert (compared["views"], compared["only_first"], compared["only_second"]) == (second, first - second, 0)
     depth = compared["differences"]["depth_m"]
     assert [depth[key] for key in ("mean", "low", "high")] == pytest.approx([-0.003] * 3, abs=3e-6)
     assert (depth["smaller"], depth["larger"]) == (second, 0)
-    assert "Runs side by side" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "against one" in capsys.readouterr().out
     again = (tmp_path / "out" / "metrics.json").read_bytes()
-    assert evaluate(SAMPLE, tmp_path / "out", *options, "--max-range", "50", "--no-pictures") == 0
+    assert evaluate(SAMPLE, tmp_path / "out", *options, "--max-range", "50") == 0
     assert (tmp_path / "out" / "metrics.json").read_bytes() == again
 
 
 def test_folders_of_one_name_are_told_apart(tmp_path: Path) -> None:
     folders = [write_run(tmp_path / name / "out") for name in ("a", "b")]
     options = [part for folder in folders for part in ("--estimate", folder)]
-    assert evaluate(SAMPLE, tmp_path / "results", *options, "--no-pictures") == 0
-    names = [one["name"] for one in read_metrics(tmp_path / "results")["runs"]]
+    assert evaluate(SAMPLE, tmp_path / "results", *options) == 0
+    names = [each["name"] for each in read_metrics(tmp_path / "results")["runs"]]
     assert names == [str(folder) for folder in folders]
 
 
 def keys_of(document: Any) -> set[str]:
     """Return every key at any depth; those of the pallets are names, not keys."""
     if isinstance(document, list):
-        return {key for one in document for key in keys_of(one)}
+        return {key for part in document for key in keys_of(part)}
     if not isinstance(document, dict):
         return set()
-    below = {key for name, one in document.items() if name != "pallets" for key in keys_of(one)}
+    below = {key for name, part in document.items() if name != "pallets" for key in keys_of(part)}
     return {*document, *below}
 
 
 def test_every_key_of_the_metrics_is_documented(tmp_path: Path) -> None:
     folders = [with_tracks(write_run(tmp_path / name)) for name in ("one", "two")]
     options = [part for folder in folders for part in ("--estimate", folder)]
-    assert evaluate(SAMPLE, tmp_path / "out", *options, "--no-pictures") == 0
+    assert evaluate(SAMPLE, tmp_path / "out", *options) == 0
     page = (Path(__file__).parents[3] / "docs" / "evaluation.md").read_text(encoding="utf-8")
     section = page.partition("## metrics.json")[2]
     told = {word for cell in re.findall(r"`([\w.]+)`", section) for word in cell.split(".")}

@@ -1,14 +1,10 @@
 from __future__ import annotations
 
 import base64
-import json
 import re
-import shutil
 from html import escape
 from html.parser import HTMLParser
-from importlib.resources import files
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -16,18 +12,11 @@ import pytest
 import yaml
 
 import palletloc.report.evaluation_page
-from palletloc.cli.app import run
+import palletloc.report.worst_shots
 from palletloc.errors import PalletLocError
-from palletloc.geometry import FloatArray, LevelPose, level_pose
-from palletloc.io.measurements import write_measurements
 from palletloc.io.recording import read_recording
 from palletloc.io.truth import read_truth
-from palletloc.measurement import PalletMeasurement, YawSource
-
-SAMPLE = Path(str(files("palletloc") / "sample"))
-LIFT = {"V1": [-0.9, 0.45, 2.1], "V2": [-0.9, -0.45, 2.08], "V3": [0.55, -0.4, 1.2]}
-FACE = {"LL": [0.0, 0.55, 0.012], "LR": [0.0, -0.55, 0.012], "UL": [0.0, 0.55, 0.132]}
-SITE = LevelPose(410.0, 187.0, 11.6, 0.62)
+from tests.palletloc.cli.sample_runs import SAMPLE, evaluate, read_metrics, without_images, write_run, write_survey
 
 
 class Elements(HTMLParser):
@@ -52,49 +41,32 @@ class Elements(HTMLParser):
 
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
-    """Return a copy of the sample without its images."""
-    folder = tmp_path / "recording"
-    shutil.copytree(SAMPLE, folder, ignore=shutil.ignore_patterns("images"))
-    return folder
+    return without_images(tmp_path / "recording")
 
 
-@pytest.fixture
-def estimate(tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def estimate(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a run that finds every pallet of the sample 3 mm too deep, and one where none stands."""
-    truth, rows = read_truth(SAMPLE), []
-    for shot in read_recording(SAMPLE).shots:
-        forklift_from_world = truth.forklift.pose_at(shot.time).transform().inv()
-        off = LevelPose(0.003, 0.0, 0.0, 0.0).transform()
-        poses = [level_pose(forklift_from_world * one.world_from_pallet.transform() * off) for one in truth.pallets]
-        for pose in (*poses, LevelPose(9.0, 9.0, 0.0, 0.0)):
-            model, covariance = truth.pallets[0].model, 1e-5 * np.eye(4)
-            rows.append(PalletMeasurement(shot.time, model, pose, covariance, 0.9, YawSource.FACE, shot.file))
-    folder = tmp_path / "run"
-    folder.mkdir()
-    write_measurements(folder / "measurements.csv", rows)
-    return folder
+    return write_run(tmp_path_factory.mktemp("runs") / "run", yaw=0.0, false=True)
 
 
-def survey(recording: Path, site_from_world: LevelPose = SITE, shift: float = 0.0) -> None:
-    """Add an exact survey at the first two shots, in a frame of its own; ``shift`` moves the forklift only."""
-    truth, shots = read_truth(recording), read_recording(recording).shots
-    site = site_from_world.transform()
-    stops = [{"name": f"S{number}", "time_s": shot.time} for number, shot in enumerate(shots[:2], start=1)]
-    points: dict[str, FloatArray] = {}
-    for stop in stops:
-        pose = truth.forklift.pose_at(float(str(stop["time_s"])))
-        body = site * LevelPose(pose.x + shift, pose.y, pose.z, pose.yaw).transform()
-        points |= {f"{name}-{stop['name']}": body.apply(place) for name, place in LIFT.items()}
-    bodies: dict[str, dict[str, list[float]]] = {"forklift": LIFT}
-    for pallet in truth.pallets:
-        places = {f"{pallet.id}-{name}": place for name, place in FACE.items()}
-        bodies[pallet.id] = places
-        body = site * pallet.world_from_pallet.transform()
-        points |= {name: body.apply(place) for name, place in places.items()}
-    lines = [f"{name},{x:.5f},{y:.5f},{z:.5f}" for name, (x, y, z) in points.items()]
-    (recording / "truth" / "survey.csv").write_text("\n".join(["name,x_m,y_m,z_m", *lines]) + "\n")
-    plan = {"file": "survey.csv", "sigma_m": 0.0006, "stops": stops, "bodies": bodies}
-    (recording / "truth" / "survey.yaml").write_text(yaml.safe_dump(plan))
+@pytest.fixture(scope="module")
+def surveyed(tmp_path_factory: pytest.TempPathFactory, estimate: Path) -> Path:
+    """Return the results of a recording with an exact survey beside its path, and images that are not there."""
+    folder = tmp_path_factory.mktemp("surveyed")
+    survey(without_images(folder / "recording"), without_shot=True)
+    assert evaluate(folder / "recording", folder / "out", "--estimate", estimate) == 0
+    return folder / "out"
+
+
+def page_of(out: Path) -> str:
+    return (out / "report.html").read_text(encoding="utf-8")
+
+
+def survey(recording: Path, shift: float = 0.0, without_shot: bool = False) -> None:
+    """Add an exact survey at the first two shots, and at a time of no shot; ``shift`` moves the forklift only."""
+    times = [shot.time for shot in read_recording(recording).shots[:2]] + [0.5] * without_shot
+    write_survey(recording, {f"S{number}": time for number, time in enumerate(times, start=1)}, shift)
 
 
 def move_stops(recording: Path, by: float) -> None:
@@ -105,48 +77,48 @@ def move_stops(recording: Path, by: float) -> None:
     plan.write_text(yaml.safe_dump(spec))
 
 
-def evaluate(recording: Path, estimate: Path, out: Path, *options: str) -> int:
-    return run(["evaluate", str(recording), "--estimate", str(estimate), "--out", str(out), *options])
-
-
-def metrics(out: Path) -> Any:
-    return json.loads((out / "metrics.json").read_text(encoding="utf-8"))
-
-
-def test_the_report_needs_nothing_but_itself_and_all_of_its_pictures_open(tmp_path: Path, estimate: Path) -> None:
-    assert evaluate(SAMPLE, estimate, tmp_path / "out") == 0
-    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+def test_the_report_needs_nothing_but_itself_and_all_of_its_pictures_open(
+    tmp_path: Path, estimate: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(palletloc.report.worst_shots, "WORST", 1)
+    assert evaluate(SAMPLE, tmp_path / "out", "--estimate", estimate) == 0
+    page = page_of(tmp_path / "out")
     elements = Elements(page)
     assert elements.open == []
     assert "script" not in elements.tags
     kinds = [link.split(";")[0] for link in elements.links]
     assert kinds.count("data:image/png") == 4
-    assert kinds.count("data:image/jpeg") == 4 + 4 * 2  # each worst shot, and its stages
-    assert len(kinds) == 16
+    assert kinds.count("data:image/jpeg") == 1 + 2  # the worst shot, and its stages
+    assert len(kinds) == 7
     for link in elements.links:
         content = np.frombuffer(base64.b64decode(link.partition("base64,")[2]), dtype=np.uint8)
         image = cv2.imdecode(content, cv2.IMREAD_COLOR)
         assert image is not None
         assert min(image.shape[:2]) > 100
     assert "http" not in re.sub(r'src="[^"]*"', "", page)
+    # the localizer does not give this pose, so its stages are those of a measurement that starts there
+    (part,) = re.findall(r"<details.*?</details>", page, flags=re.DOTALL)
+    assert "The method refined with its default parameters does not give this pose by itself" in part
+    captions = re.findall(r"<figcaption>(.*?)</figcaption>", part)
+    assert [caption.split(": ")[1].split()[0] for caption in captions] == ["hypotheses", "front"]
 
 
 def test_the_report_tells_what_the_metrics_tell(tmp_path: Path, estimate: Path) -> None:
-    assert evaluate(SAMPLE, estimate, tmp_path / "out", "--no-pictures", "--requirement-mm", "2") == 0
-    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    detection = metrics(tmp_path / "out")["runs"][0]["sources"]["measurements"]["detection"]
+    other = write_run(tmp_path / "other")
+    options = ("--no-pictures", "--requirement-mm", "2", "--estimate", other)
+    assert evaluate(SAMPLE, tmp_path / "out", "--estimate", estimate, *options) == 0
+    page = page_of(tmp_path / "out")
+    detection = read_metrics(tmp_path / "out")["runs"][0]["sources"]["measurements"]["detection"]
     assert f"<b>{detection['recall']['count']} of {detection['recall']['of']}</b>" in page
     assert f"<b>{detection['false']}</b>" in page
     assert detection["false"] == len(read_recording(SAMPLE).shots)
     assert "the requirement is not met" in page
+    assert "Runs side by side" in page
     assert "data:image/jpeg" not in page
 
 
-def test_images_that_cannot_be_read_are_said_and_do_not_stop_the_report(
-    tmp_path: Path, recording: Path, estimate: Path
-) -> None:
-    assert evaluate(recording, estimate, tmp_path / "out") == 0
-    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+def test_images_that_cannot_be_read_are_said_and_do_not_stop_the_report(surveyed: Path) -> None:
+    page = page_of(surveyed)
     assert page.count("No picture: ") == 4
     assert "<details" not in page
 
@@ -158,34 +130,29 @@ def test_no_half_written_result_when_drawing_fails(
         raise PalletLocError("cannot draw")
 
     monkeypatch.setattr(palletloc.report.evaluation_page, "evaluation_page", fails)
-    assert evaluate(SAMPLE, estimate, tmp_path / "out") == 1
+    assert evaluate(SAMPLE, tmp_path / "out", "--estimate", estimate) == 1
     assert capsys.readouterr().err.splitlines()[-1] == "palletloc: cannot draw"
     assert not (tmp_path / "out").exists()
 
 
-def test_an_exact_survey_agrees_with_the_path_and_judges_the_stops(
-    tmp_path: Path, recording: Path, estimate: Path
-) -> None:
-    survey(recording)
-    assert evaluate(recording, estimate, tmp_path / "out") == 0
-    document = metrics(tmp_path / "out")
+def test_an_exact_survey_agrees_with_the_path_and_judges_the_stops(surveyed: Path) -> None:
+    document = read_metrics(surveyed)
     assert document["truth"]["kind"] == "path"
     against = document["truth"]["survey"]["against_path"]
-    assert len(against) == 2 * len(read_truth(recording).pallets)
-    assert max(one["position_m"] for one in against) < 1e-4
+    assert len(against) == 3 * len(read_truth(SAMPLE).pallets)
+    assert max(pose["position_m"] for pose in against) < 1e-4
     stops = document["runs"][0]["sources"]["measurements"]["stops"]
-    assert {one["stop"] for one in stops} == {"S1", "S2"}
-    assert [one["ap_m"] for one in stops] == pytest.approx([0.003] * len(stops), abs=2e-4)
-    assert all(one["rp_m"] is None and one["n"] == 1 and one["truth_sigma_m"]["depth"] > 0 for one in stops)
-    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    assert "At the surveyed stops" in page
+    assert {stop["stop"] for stop in stops} == {"S1", "S2"}
+    assert [stop["ap_m"] for stop in stops] == pytest.approx([0.003] * len(stops), abs=2e-4)
+    assert all(stop["rp_m"] is None and stop["n"] == 1 and stop["truth_sigma_m"]["depth"] > 0 for stop in stops)
+    assert "At the surveyed stops" in page_of(surveyed)
 
 
 def test_a_survey_alone_is_truth_enough_for_its_stops(tmp_path: Path, recording: Path, estimate: Path) -> None:
     survey(recording)
     (recording / "truth" / "forklift.csv").unlink()
-    assert evaluate(recording, estimate, tmp_path / "out") == 0
-    document = metrics(tmp_path / "out")
+    assert evaluate(recording, tmp_path / "out", "--estimate", estimate) == 0
+    document = read_metrics(tmp_path / "out")
     source = document["runs"][0]["sources"]["measurements"]
     assert (document["truth"]["kind"], source["detection"]["shots"]) == ("survey", 2)
     assert source["errors"]["depth_m"]["bias"] == pytest.approx(0.003, abs=2e-4)
@@ -196,47 +163,52 @@ def test_a_survey_of_another_site_or_other_stops_is_refused(
     tmp_path: Path, recording: Path, estimate: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     survey(recording, shift=1.5)
-    assert evaluate(recording, estimate, tmp_path / "out") == 1
+    assert evaluate(recording, tmp_path / "out", "--estimate", estimate) == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert "survey.yaml: stop 'S1'" in line
     assert "another site" in line
     (recording / "truth" / "forklift.csv").unlink()
     move_stops(recording, 0.5)
-    assert evaluate(recording, estimate, tmp_path / "out") == 1
+    assert evaluate(recording, tmp_path / "out", "--estimate", estimate) == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert "no shot within 0.01 s of a stop" in line
     move_stops(recording, 900.0)
-    assert evaluate(recording, estimate, tmp_path / "out") == 1
+    assert evaluate(recording, tmp_path / "out", "--estimate", estimate) == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert re.search(r"survey\.yaml: stops from 900[.\d]* s to 901[.\d]* s, shots from 0 s to 6\.4 s: expected", line)
     assert not (tmp_path / "out").exists()
 
 
 def test_a_stop_without_a_shot_is_told(
-    tmp_path: Path, recording: Path, estimate: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path,
+    recording: Path,
+    estimate: Path,
+    surveyed: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    survey(recording)
-    move_stops(recording, 0.5)
-    assert evaluate(recording, estimate, tmp_path / "out", "--no-pictures") == 0
-    told = "stop 'S1': the nearest shot is 0.5 s away, not 0.01 s; see --stop-limit"
-    assert told in capsys.readouterr().out
-    assert told in metrics(tmp_path / "out")["truth"]["survey"]["notes"]
-    assert escape(told) in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    monkeypatch.setattr(palletloc.report.evaluation_page, "evaluation_page", lambda *_, **__: "")
+    survey(recording, without_shot=True)
+    assert evaluate(recording, tmp_path / "out", "--estimate", estimate) == 0
+    note = re.search(
+        r"stop 'S3': the nearest shot is 0\.\d+ s away, not 0\.01 s; see --stop-limit", capsys.readouterr().out
+    )
+    assert note is not None
+    assert note[0] in read_metrics(tmp_path / "out")["truth"]["survey"]["notes"]
+    assert escape(note[0]) in page_of(surveyed)
 
 
-def test_the_report_says_how_good_the_survey_is(tmp_path: Path, recording: Path, estimate: Path) -> None:
-    survey(recording)
-    assert evaluate(recording, estimate, tmp_path / "out", "--no-pictures") == 0
-    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+def test_the_report_says_how_good_the_survey_is(surveyed: Path) -> None:
+    page = page_of(surveyed)
     assert "1 mm in each of two targets 1.1 m apart turns a front by 0.07\N{DEGREE SIGN}" in page
-    told = metrics(tmp_path / "out")["truth"]["survey"]
-    assert told["instrument"] is None  # points alone
-    bodies = {one["body"]: one for one in told["bodies"]}
-    assert set(bodies) == {"stop 'S1'", "stop 'S2'", "body 'A'", "body 'B'", "body 'C'"}
-    for one in bodies.values():
-        assert one["rms_m"] < 2e-5
-        assert all(point["residual_m"] < 5e-5 for point in one["points"])
-        left_out = [point["leave_one_out_m"] for point in one["points"]]  # None where two others fix no pose
+    described = read_metrics(surveyed)["truth"]["survey"]
+    assert described["instrument"] is None  # points alone
+    bodies = {body["body"]: body for body in described["bodies"]}
+    assert set(bodies) == {"stop 'S1'", "stop 'S2'", "stop 'S3'", "body 'A'", "body 'B'", "body 'C'"}
+    for body in bodies.values():
+        assert body["rms_m"] < 2e-5
+        assert all(point["residual_m"] < 5e-5 for point in body["points"])
+        left_out = [point["leave_one_out_m"] for point in body["points"]]  # None where two others fix no pose
         assert len(left_out) == 3
         assert max(value for value in left_out if value is not None) < 1e-4
     across = np.degrees(np.sqrt(2) * 0.0006 / 1.1)
@@ -251,7 +223,7 @@ def test_a_pallet_turned_otherwise_than_surveyed_is_refused(
     lines = path.read_text().splitlines()
     for yaw, told in (("0.9", "are their angles in radians"), ("88.2", "line 2: yaw_rad: expected radians")):
         path.write_text("\n".join([lines[0], lines[1].rpartition(",")[0] + "," + yaw, *lines[2:]]) + "\n")
-        assert evaluate(recording, estimate, tmp_path / "out") == 1
+        assert evaluate(recording, tmp_path / "out", "--estimate", estimate) == 1
         (line,) = capsys.readouterr().err.splitlines()
         assert told in line
 
@@ -262,5 +234,5 @@ def test_a_surveyed_pallet_that_is_not_in_the_table_is_refused(
     survey(recording)
     path = recording / "truth" / "pallets.csv"
     path.write_text("\n".join(path.read_text().splitlines()[:-1]) + "\n")
-    assert evaluate(recording, estimate, tmp_path / "out") == 1
+    assert evaluate(recording, tmp_path / "out", "--estimate", estimate) == 1
     assert "is not in pallets.csv" in capsys.readouterr().err

@@ -1,7 +1,8 @@
 from __future__ import annotations
 
-import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,37 +24,17 @@ from palletloc.pallet_library import find_models
 from palletloc.synthetic.aisle import AisleSpec
 from palletloc.synthetic.simulation import SimulationSpec, simulate
 
+Localize = Callable[..., int]
+Contents = Callable[[], dict[str, str]]
+Status = Callable[[], dict[str, Any]]
+
 NAMES = ["measurements.csv", "refusals.csv", "run.json"]
 HEADERS = [",".join(columns) + "\n" for columns in (MEASUREMENT_COLUMNS, REFUSAL_COLUMNS)]
-STARTS = """\
-time_s,model,x_m,y_m,z_m,yaw_rad
-1.0,t11,3,2,0,1.5
-1.0,t11,4,2,0,1.5
-0.0,t11,2.5,2,0,1.5
-"""
 
 
-@pytest.fixture
-def here(blank_recording: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Work beside a recording called approach."""
-    monkeypatch.chdir(blank_recording.parent)
-    return blank_recording.parent
-
-
-def localize(*options: str) -> int:
-    return run(["localize", "approach", "--out", "out", *options])
-
-
-def contents(folder: str = "out") -> dict[str, str]:
-    return {path.name: path.read_text() for path in sorted(Path(folder).iterdir())}
-
-
-def status() -> dict[str, object]:
-    return dict(json.loads(Path("out/run.json").read_text()))
-
-
-@pytest.mark.usefixtures("here")
-def test_shots_without_pallets_give_tables_without_rows(capsys: pytest.CaptureFixture[str]) -> None:
+def test_shots_without_pallets_give_tables_without_rows(
+    localize: Localize, contents: Contents, status: Status, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert localize() == 0
     files = contents()
     assert sorted(files) == NAMES
@@ -68,9 +49,8 @@ def test_shots_without_pallets_give_tables_without_rows(capsys: pytest.CaptureFi
     assert ["results:", "out"] in rows
 
 
-@pytest.mark.usefixtures("here")
 def test_progress_is_shown_where_somebody_is_looking(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    localize: Localize, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("TERM", "xterm")
@@ -80,8 +60,7 @@ def test_progress_is_shown_where_somebody_is_looking(
     assert "Localizing" not in printed.out
 
 
-@pytest.mark.usefixtures("here")
-def test_verbose_says_what_each_shot_gives(capsys: pytest.CaptureFixture[str]) -> None:
+def test_verbose_says_what_each_shot_gives(localize: Localize, capsys: pytest.CaptureFixture[str]) -> None:
     assert localize("--verbose") == 0
     lines = capsys.readouterr().err.splitlines()
     assert [line.rsplit(", ", 1)[0] for line in lines] == [
@@ -89,9 +68,7 @@ def test_verbose_says_what_each_shot_gives(capsys: pytest.CaptureFixture[str]) -
     ]
 
 
-@pytest.mark.usefixtures("here")
-def test_each_given_start_has_one_row_in_its_order(capsys: pytest.CaptureFixture[str]) -> None:
-    Path("initial.csv").write_text(STARTS)
+def test_each_given_start_has_one_row_in_its_order(localize: Localize, capsys: pytest.CaptureFixture[str]) -> None:
     assert localize("--initial", "initial.csv") == 0
     rows = read_measurements("out/measurements.csv")
     assert [type(row) for row in rows] == [NoPose] * 3
@@ -107,16 +84,13 @@ def test_each_given_start_has_one_row_in_its_order(capsys: pytest.CaptureFixture
     assert ["shots", "done", "2"] in printed
 
 
-@pytest.mark.usefixtures("here")
-def test_no_starts_are_a_run_without_shots() -> None:
-    Path("initial.csv").write_text(STARTS.splitlines()[0])
+def test_no_starts_are_a_run_without_shots(localize: Localize, contents: Contents) -> None:
+    Path("initial.csv").write_text("time_s,model,x_m,y_m,z_m,yaw_rad\n")
     assert localize("--initial", "initial.csv") == 0
     assert contents()["measurements.csv"] == HEADERS[0]
 
 
-@pytest.mark.usefixtures("here")
-def test_the_parameters_of_the_file_are_used() -> None:
-    Path("initial.csv").write_text(STARTS)
+def test_the_parameters_of_the_file_are_used(localize: Localize) -> None:
     Path("near.yaml").write_text("detection: {max_range: 0.5}\n")
     assert localize("--initial", "initial.csv", "--config", "near.yaml") == 0
     refused = read_refusals("out/refusals.csv")
@@ -125,10 +99,8 @@ def test_the_parameters_of_the_file_are_used() -> None:
     assert Reason.OUT_OF_RANGE not in {row.reason for row in read_refusals("out/refusals.csv")}
 
 
-@pytest.mark.usefixtures("here")
 @pytest.mark.parametrize("method", ["horizontal_plane", "paper", "joint_search"])
-def test_every_method_does_without_pallets(method: str) -> None:
-    Path("initial.csv").write_text(STARTS)
+def test_every_method_does_without_pallets(localize: Localize, status: Status, method: str) -> None:
     Path("few.yaml").write_text("joint_search: {turns: 2, depths: 2}\n")
     assert localize("--method", method, "--initial", "initial.csv", "--config", "few.yaml") == 0
     assert len(read_measurements("out/measurements.csv")) == 3
@@ -177,7 +149,7 @@ def test_from_a_given_start_its_own_pallet_is_measured(simulated: Path, tmp_path
     assert near
     lines = [f"{shot.time},t11-plastic,{pose.x + 0.03},{pose.y - 0.02},{pose.z},{pose.yaw + 0.02}" for pose in near]
     path = tmp_path / "initial.csv"
-    path.write_text("\n".join([STARTS.splitlines()[0], *lines]) + "\n")
+    path.write_text("\n".join(["time_s,model,x_m,y_m,z_m,yaw_rad", *lines]) + "\n")
     out = tmp_path / "out"
     assert run(["localize", str(simulated), "--out", str(out), "--initial", str(path)]) == 0
     rows = read_measurements(out / "measurements.csv")

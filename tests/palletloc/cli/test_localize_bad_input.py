@@ -1,9 +1,10 @@
 from __future__ import annotations
 
-import json
 import struct
 import zlib
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -11,27 +12,8 @@ import pytest
 
 from palletloc.cli.app import run
 
-STARTS = """\
-time_s,model,x_m,y_m,z_m,yaw_rad
-1.0,t11,3,2,0,1.5
-1.0,t11,4,2,0,1.5
-0.0,t11,2.5,2,0,1.5
-"""
-
-
-@pytest.fixture
-def here(blank_recording: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Work beside a recording called approach."""
-    monkeypatch.chdir(blank_recording.parent)
-    return blank_recording.parent
-
-
-def localize(*options: str) -> int:
-    return run(["localize", "approach", "--out", "out", *options])
-
-
-def status() -> dict[str, object]:
-    return dict(json.loads(Path("out/run.json").read_text()))
+Localize = Callable[..., int]
+Status = Callable[[], dict[str, Any]]
 
 
 def edit(name: str, old: str, new: str) -> None:
@@ -71,11 +53,10 @@ def put(number: int, content: bytes | None) -> str:
     return str(path)
 
 
-@pytest.mark.usefixtures("here")
 @pytest.mark.parametrize("kind", IMAGES)
 @pytest.mark.parametrize("number", [0, 2])
 def test_an_unreadable_shot_is_one_line_and_the_rest_is_done(
-    kind: str, number: int, capsys: pytest.CaptureFixture[str]
+    localize: Localize, status: Status, kind: str, number: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
     content, problem = IMAGES[kind]
     line = f"{put(number, content)}: {problem}"
@@ -88,9 +69,10 @@ def test_an_unreadable_shot_is_one_line_and_the_rest_is_done(
     assert status()["skipped"] == [{"time_s": 0.5 * number, "file": file, "reason": line}]
 
 
-@pytest.mark.usefixtures("here")
 @pytest.mark.parametrize("kind", IMAGES)
-def test_strict_stops_at_an_unreadable_shot(kind: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_strict_stops_at_an_unreadable_shot(
+    localize: Localize, kind: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     content, problem = IMAGES[kind]
     line = f"{put(0, content)}: {problem}"
     assert localize("--strict") == 1
@@ -98,8 +80,9 @@ def test_strict_stops_at_an_unreadable_shot(kind: str, capsys: pytest.CaptureFix
     assert not Path("out").exists()
 
 
-@pytest.mark.usefixtures("here")
-def test_a_camera_of_another_size_is_one_line_and_leaves_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_camera_of_another_size_is_one_line_and_leaves_nothing(
+    localize: Localize, capsys: pytest.CaptureFixture[str]
+) -> None:
     edit("recording.yaml", "width: 64, height: 32", "width: 32, height: 16")
     assert localize() == 1
     assert capsys.readouterr() == (
@@ -147,10 +130,9 @@ BAD = [
 ]
 
 
-@pytest.mark.usefixtures("here")
 @pytest.mark.parametrize(("name", "old", "new", "problem"), BAD, ids=lambda value: value[:24])
 def test_a_bad_recording_is_one_line_and_leaves_nothing(
-    name: str, old: str, new: str, problem: str, capsys: pytest.CaptureFixture[str]
+    localize: Localize, name: str, old: str, new: str, problem: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     edit(name, old, new)
     assert localize() == 1
@@ -161,9 +143,8 @@ def test_a_bad_recording_is_one_line_and_leaves_nothing(
     assert not Path("out").exists()
 
 
-@pytest.mark.usefixtures("here")
 @pytest.mark.parametrize("name", ["recording.yaml", "shots.csv", "odometry.csv"])
-def test_a_missing_file_is_one_line(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_missing_file_is_one_line(localize: Localize, name: str, capsys: pytest.CaptureFixture[str]) -> None:
     Path("approach", name).unlink()
     assert localize() == 1
     assert capsys.readouterr() == ("", f"palletloc: {Path('approach', name)}: no such file\n")
@@ -202,15 +183,13 @@ def test_a_bad_argument_is_one_line_and_leaves_nothing(
     assert sorted(here.rglob("*")) == before
 
 
-@pytest.mark.usefixtures("here")
 @pytest.mark.parametrize("options", [["--method", "guess"], ["--shot", "1"], ["more"]])
-def test_wrong_usage_is_exit_code_2(options: list[str]) -> None:
+def test_wrong_usage_is_exit_code_2(localize: Localize, options: list[str]) -> None:
     assert localize(*options) == 2
     assert run(["localize", "approach"]) == 2
     assert run(["localize", "--out", "out"]) == 2
 
 
-@pytest.mark.usefixtures("here")
 @pytest.mark.parametrize(
     ("old", "new", "problem"),
     [
@@ -220,8 +199,11 @@ def test_wrong_usage_is_exit_code_2(options: list[str]) -> None:
         ("0,1.5\n0.0", "0\n0.0", "line 3: expected 6 cells, got 5"),
     ],
 )
-def test_a_bad_start_is_one_line(old: str, new: str, problem: str, capsys: pytest.CaptureFixture[str]) -> None:
-    Path("initial.csv").write_text(STARTS.replace(old, new))
+def test_a_bad_start_is_one_line(
+    localize: Localize, old: str, new: str, problem: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    starts = Path("initial.csv")
+    starts.write_text(starts.read_text().replace(old, new))
     assert localize("--initial", "initial.csv") == 1
     assert capsys.readouterr() == ("", f"palletloc: initial.csv, {problem}\n")
     assert not Path("out").exists()

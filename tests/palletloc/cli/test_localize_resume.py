@@ -1,42 +1,20 @@
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from palletloc.cli.app import run
 from palletloc.geometry import Image
 from palletloc.io.recording import Recording, ShotFile
 from palletloc.recording_run import Job
 
+Localize = Callable[..., int]
+Contents = Callable[[], dict[str, str]]
+Status = Callable[[], dict[str, Any]]
+
 NAMES = ["measurements.csv", "refusals.csv", "run.json"]
-STARTS = """\
-time_s,model,x_m,y_m,z_m,yaw_rad
-1.0,t11,3,2,0,1.5
-1.0,t11,4,2,0,1.5
-0.0,t11,2.5,2,0,1.5
-"""
-
-
-@pytest.fixture
-def here(blank_recording: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Work beside a recording called approach."""
-    monkeypatch.chdir(blank_recording.parent)
-    return blank_recording.parent
-
-
-def localize(*options: str) -> int:
-    return run(["localize", "approach", "--out", "out", *options])
-
-
-def contents(folder: str = "out") -> dict[str, str]:
-    return {path.name: path.read_text() for path in sorted(Path(folder).iterdir())}
-
-
-def status() -> dict[str, object]:
-    return dict(json.loads(Path("out/run.json").read_text()))
 
 
 def stops_at(number: int, kind: type[BaseException]) -> Callable[[Recording, ShotFile], Image]:
@@ -51,8 +29,9 @@ def stops_at(number: int, kind: type[BaseException]) -> Callable[[Recording, Sho
     return image
 
 
-@pytest.mark.usefixtures("here")
-def test_after_a_strict_stop_a_mended_recording_can_be_resumed(capsys: pytest.CaptureFixture[str]) -> None:
+def test_after_a_strict_stop_a_mended_recording_can_be_resumed(
+    localize: Localize, status: Status, capsys: pytest.CaptureFixture[str]
+) -> None:
     good = Path("approach/images/2.png").read_bytes()
     Path("approach/images/2.png").write_bytes(b"")
     assert localize("--strict") == 1
@@ -67,12 +46,15 @@ def test_after_a_strict_stop_a_mended_recording_can_be_resumed(capsys: pytest.Ca
     assert status()["done"] == 4
 
 
-@pytest.mark.usefixtures("here")
 @pytest.mark.parametrize("initial", [[], ["--initial", "initial.csv"]])
 def test_an_interrupt_keeps_what_is_finished_and_resume_goes_on(
-    initial: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    localize: Localize,
+    contents: Contents,
+    status: Status,
+    initial: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    Path("initial.csv").write_text(STARTS)
     shots = 2 if initial else 4
     assert localize(*initial) == 0
     whole = contents()
@@ -91,9 +73,8 @@ def test_an_interrupt_keeps_what_is_finished_and_resume_goes_on(
     assert ["of", "them", "before;", "not", "counted", "below", str(shots - 1)] in printed_rows
 
 
-@pytest.mark.usefixtures("here")
 def test_an_interrupt_before_anything_is_finished_leaves_nothing(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    localize: Localize, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(Recording, "image", stops_at(0, KeyboardInterrupt))
     assert localize() == 130
@@ -101,8 +82,9 @@ def test_an_interrupt_before_anything_is_finished_leaves_nothing(
     assert not Path("out").exists()
 
 
-@pytest.mark.usefixtures("here")
-def test_a_fault_of_the_program_leaves_earlier_results_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fault_of_the_program_leaves_earlier_results_alone(
+    localize: Localize, contents: Contents, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert localize() == 0
     whole = contents()
     with monkeypatch.context() as patch:
@@ -112,9 +94,8 @@ def test_a_fault_of_the_program_leaves_earlier_results_alone(monkeypatch: pytest
     assert {name: text for name, text in contents().items() if name in NAMES} == whole
 
 
-@pytest.mark.usefixtures("here")
 def test_a_finished_run_is_not_done_again(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    localize: Localize, contents: Contents, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert localize() == 0
     whole = contents()
@@ -124,7 +105,6 @@ def test_a_finished_run_is_not_done_again(
     assert "pallets" not in capsys.readouterr().out.rpartition("of them before")[2]
 
 
-@pytest.mark.usefixtures("here")
 @pytest.mark.parametrize(
     ("options", "what"),
     [
@@ -133,8 +113,9 @@ def test_a_finished_run_is_not_done_again(
         (["--initial", "initial.csv"], "starts"),
     ],
 )
-def test_another_run_is_not_resumed(options: list[str], what: str, capsys: pytest.CaptureFixture[str]) -> None:
-    Path("initial.csv").write_text(STARTS)
+def test_another_run_is_not_resumed(
+    localize: Localize, contents: Contents, options: list[str], what: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     Path("mine.yaml").write_text("detection: {max_range: 2}\n")
     assert localize() == 0
     whole = contents()
@@ -146,8 +127,7 @@ def test_another_run_is_not_resumed(options: list[str], what: str, capsys: pytes
     assert contents() == whole
 
 
-@pytest.mark.usefixtures("here")
-def test_parameters_that_change_nothing_are_the_same_run() -> None:
+def test_parameters_that_change_nothing_are_the_same_run(localize: Localize) -> None:
     assert localize() == 0
     Path("all.yaml").write_text("detection: {}\n")
     assert localize("--resume", "--config", "all.yaml") == 0

@@ -23,6 +23,12 @@ from palletloc.pallet import PalletModel
 from palletloc.pallet_library import load_library
 
 LIBRARY = load_library()
+FACES = [
+    pytest.param([LIBRARY["epal1-1200"]], id="closed"),
+    pytest.param([LIBRARY["epal1-800"]], id="open below"),
+    pytest.param([LIBRARY["t11-plastic"]], id="rounded"),
+    pytest.param(list(LIBRARY.values()), id="library"),
+]
 CAMERA = Equirectangular(2000, 1000)
 IDENTITY = RigidTransform.identity()
 
@@ -33,26 +39,28 @@ def area(line: FloatArray) -> float:
     return abs(float(x[:-1] @ y[1:] - x[1:] @ y[:-1])) / 2
 
 
-@pytest.mark.parametrize("model", LIBRARY.values(), ids=lambda model: model.name)
-def test_the_lines_enclose_the_solid_part_and_the_closed_openings(model: PalletModel) -> None:
-    outline, *openings = face_outline(model, step=0.003)
-    feet = [opening for opening in model.openings if opening.open_below]
-    corner = 1 - np.pi / 4  # what rounding takes from the square of the radius
-    solid = model.width * model.height - 4 * corner * model.corner_radius**2
-    solid -= sum(opening.width * opening.height - 2 * corner * opening.radius**2 for opening in feet)
-    assert area(outline) == pytest.approx(solid, rel=1e-3)
-    closed = [opening for opening in model.openings if not opening.open_below]
-    for line, opening in zip(openings, closed, strict=True):
-        expected = opening.width * opening.height - 4 * corner * opening.radius**2
-        assert area(line) == pytest.approx(expected, rel=5e-3)
+@pytest.mark.parametrize("models", FACES)
+def test_the_lines_enclose_the_solid_part_and_the_closed_openings(models: list[PalletModel]) -> None:
+    for model in models:
+        outline, *openings = face_outline(model, step=0.003)
+        feet = [opening for opening in model.openings if opening.open_below]
+        corner = 1 - np.pi / 4  # what rounding takes from the square of the radius
+        solid = model.width * model.height - 4 * corner * model.corner_radius**2
+        solid -= sum(opening.width * opening.height - 2 * corner * opening.radius**2 for opening in feet)
+        assert area(outline) == pytest.approx(solid, rel=1e-3)
+        closed = [opening for opening in model.openings if not opening.open_below]
+        for line, opening in zip(openings, closed, strict=True):
+            expected = opening.width * opening.height - 4 * corner * opening.radius**2
+            assert area(line) == pytest.approx(expected, rel=5e-3)
 
 
-@pytest.mark.parametrize("model", LIBRARY.values(), ids=lambda model: model.name)
-def test_the_outline_reaches_all_sides_of_the_face(model: PalletModel) -> None:
-    outline = face_outline(model)[0]
-    low, high = [-model.width / 2, 0.0], [model.width / 2, model.height]
-    assert outline.min(axis=0) == pytest.approx(low)
-    assert outline.max(axis=0) == pytest.approx(high)
+@pytest.mark.parametrize("models", FACES)
+def test_the_outline_reaches_all_sides_of_the_face(models: list[PalletModel]) -> None:
+    for model in models:
+        outline = face_outline(model)[0]
+        low, high = [-model.width / 2, 0.0], [model.width / 2, model.height]
+        assert outline.min(axis=0) == pytest.approx(low)
+        assert outline.max(axis=0) == pytest.approx(high)
 
 
 def test_sharp_corners_are_kept() -> None:
@@ -148,12 +156,13 @@ def test_a_camera_elsewhere_sees_the_line_from_there() -> None:
     assert piece == pytest.approx(CAMERA.project(forklift_from_camera.inv().apply(line)).pixels)
 
 
-@pytest.mark.parametrize("model", LIBRARY.values(), ids=lambda model: model.name)
-def test_stretches_of_a_line_are_the_edges_on_it(model: PalletModel) -> None:
-    for line in face_lines(model):
-        stretches = stretches_of(model, line.whole)
-        assert len(stretches) == len(line.edges)
-        assert stretches[0][0] == pytest.approx(line.whole.start)
-        assert stretches[-1][1] == pytest.approx(line.whole.end)
-    tops = [line for line in face_lines(model) if line.kind is EdgeKind.OPENING_TOP]
-    assert sum(len(line.edges) for line in tops) == len(model.openings)
+@pytest.mark.parametrize("models", FACES)
+def test_stretches_of_a_line_are_the_edges_on_it(models: list[PalletModel]) -> None:
+    for model in models:
+        for line in face_lines(model):
+            stretches = stretches_of(model, line.whole)
+            assert len(stretches) == len(line.edges)
+            assert stretches[0][0] == pytest.approx(line.whole.start)
+            assert stretches[-1][1] == pytest.approx(line.whole.end)
+        tops = [line for line in face_lines(model) if line.kind is EdgeKind.OPENING_TOP]
+        assert sum(len(line.edges) for line in tops) == len(model.openings)

@@ -11,8 +11,7 @@ from numpy.testing import assert_array_equal
 
 from palletloc.geometry import Image
 from palletloc.io.atomic import OutputError
-from palletloc.io.image_header import read_header
-from palletloc.io.images import ImageError, read_image, write_image
+from palletloc.io.images import ImageError, read_header, read_image, write_image
 
 
 def picture(height: int = 24, width: int = 40) -> Image:

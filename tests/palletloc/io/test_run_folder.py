@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from palletloc.geometry import LevelPose
-from palletloc.io.atomic import OutputError
-from palletloc.io.journal import JournalError
+from palletloc.io.atomic import JournalError, OutputError
 from palletloc.io.measurements import NoPose, read_measurements, read_refusals
 from palletloc.io.recording import ShotFile, read_recording
 from palletloc.io.run_folder import JOURNAL, ResumeError, Run, RunFolder

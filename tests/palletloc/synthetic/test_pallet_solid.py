@@ -17,7 +17,13 @@ HERE = LevelPose(0.0, 0.0, 0.0, 0.0)
 LOPSIDED = PalletModel(
     "lopsided", 1.0, 0.15, 0.9, (Opening(-0.3, 0.02, 0.2, 0.1), Opening(0.15, 0.0, 0.4, 0.11)), 0.0, 0.004
 )
-MODELS = load_library() | {"lopsided": LOPSIDED}
+LIBRARY = load_library()
+FACES = [
+    pytest.param([LIBRARY["epal1-1200"]], id="closed"),
+    pytest.param([LIBRARY["epal1-800"]], id="open below"),
+    pytest.param([LOPSIDED], id="lopsided"),
+    pytest.param(list(LIBRARY.values()), id="library"),
+]
 
 
 def body(model: PalletModel) -> PalletBody:
@@ -40,29 +46,30 @@ def in_front_face(model: PalletModel, right: FloatArray, up: FloatArray, gap: fl
     return np.where(solid > gap, 1.0, np.where(solid < -gap, -1.0, 0.0))
 
 
-@pytest.mark.parametrize("name", sorted(MODELS))
-def test_the_front_face_is_solid_exactly_where_it_is_drawn(name: str) -> None:
-    model = MODELS[name]
-    rng = np.random.default_rng(1)
-    right, up = rng.uniform(-0.6, 0.6, 4000) * model.width, rng.uniform(0.0, 1.1, 4000) * model.height
-    drawn = in_front_face(model, right, up, gap=max(model.edge_radius, model.corner_radius, 1e-4))
-    distance = body(model).distance(on_face(right, up))
-    assert (np.abs(distance[drawn > 0]) < 1e-6).all()
-    assert (distance[drawn < 0] > 1e-5).all()
-    assert (drawn > 0).sum() > 500
-    assert (drawn < 0).sum() > 500
+@pytest.mark.parametrize("models", FACES)
+def test_the_front_face_is_solid_exactly_where_it_is_drawn(models: list[PalletModel]) -> None:
+    for model in models:
+        rng = np.random.default_rng(1)
+        right, up = rng.uniform(-0.6, 0.6, 4000) * model.width, rng.uniform(0.0, 1.1, 4000) * model.height
+        drawn = in_front_face(model, right, up, gap=max(model.edge_radius, model.corner_radius, 1e-4))
+        distance = body(model).distance(on_face(right, up))
+        assert (np.abs(distance[drawn > 0]) < 1e-6).all()
+        assert (distance[drawn < 0] > 1e-5).all()
+        assert (drawn > 0).sum() > 500
+        assert (drawn < 0).sum() > 500
 
 
-@pytest.mark.parametrize("name", sorted(MODELS))
-def test_the_distance_never_exceeds_that_to_the_nearest_solid_point(name: str) -> None:
-    pallet = body(MODELS[name])
-    rng = np.random.default_rng(2)
-    low, high = pallet.low, pallet.high
-    points = rng.uniform(low - 0.05, high + 0.05, (20000, 3)).T.astype(np.float32)
-    distance = pallet.distance(points)
-    inside, outside = points[:, distance < -1e-3], np.flatnonzero(distance > 0)[:300]
-    apart = np.linalg.norm(points[:, outside, None] - inside[:, None, :], axis=0).min(axis=1)
-    assert (distance[outside] <= apart + 1e-5).all()
+@pytest.mark.parametrize("models", FACES)
+def test_the_distance_never_exceeds_that_to_the_nearest_solid_point(models: list[PalletModel]) -> None:
+    for model in models:
+        pallet = body(model)
+        rng = np.random.default_rng(2)
+        low, high = pallet.low, pallet.high
+        points = rng.uniform(low - 0.05, high + 0.05, (20000, 3)).T.astype(np.float32)
+        distance = pallet.distance(points)
+        inside, outside = points[:, distance < -1e-3], np.flatnonzero(distance > 0)[:300]
+        apart = np.linalg.norm(points[:, outside, None] - inside[:, None, :], axis=0).min(axis=1)
+        assert (distance[outside] <= apart + 1e-5).all()
 
 
 def test_openings_go_through_the_pallet(closed_below: PalletModel) -> None:
@@ -109,20 +116,20 @@ def test_normals_of_the_front_point_into_the_aisle(closed_below: PalletModel) ->
     assert body(closed_below).normals(points)[:, 0] == pytest.approx([-1.0, 0.0, 0.0], abs=1e-3)
 
 
-@pytest.mark.parametrize("name", sorted(MODELS))
-def test_the_blocks_that_cast_shadows_lie_in_the_body(name: str) -> None:
-    model = MODELS[name]
-    pallet = PalletBody(LevelPose(1.0, 2.0, 0.5, 0.7), model, WOOD)
-    rng = np.random.default_rng(3)
-    margin = 1.5 * max(model.edge_radius, model.corner_radius)
-    for block in pallet.blocks():
-        half = block.high - margin
-        if (half <= 0).any():
-            continue
-        local = rng.uniform(-half, half, (50, 3)).T
-        turn, pose = block.world_from_solid.transform(), pallet.world_from_solid.transform()
-        points = pose.inv().apply(turn.apply(local.T)).T.astype(np.float32)
-        assert pallet.distance(points).max() < 0
+@pytest.mark.parametrize("models", FACES)
+def test_the_blocks_that_cast_shadows_lie_in_the_body(models: list[PalletModel]) -> None:
+    for model in models:
+        pallet = PalletBody(LevelPose(1.0, 2.0, 0.5, 0.7), model, WOOD)
+        rng = np.random.default_rng(3)
+        margin = 1.5 * max(model.edge_radius, model.corner_radius)
+        for block in pallet.blocks():
+            half = block.high - margin
+            if (half <= 0).any():
+                continue
+            local = rng.uniform(-half, half, (50, 3)).T
+            turn, pose = block.world_from_solid.transform(), pallet.world_from_solid.transform()
+            points = pose.inv().apply(turn.apply(local.T)).T.astype(np.float32)
+            assert pallet.distance(points).max() < 0
 
 
 def test_boards_differ_in_brightness_and_moulded_pallets_do_not(closed_below: PalletModel) -> None:

@@ -14,10 +14,9 @@ from palletloc.geometry import FloatArray, LevelPose
 from palletloc.pallet import PalletModel
 from palletloc.synthetic.pallet_solid import PalletBody
 from palletloc.synthetic.rays import camera_rays
-from palletloc.synthetic.rendering import Picture, render
+from palletloc.synthetic.rendering import RenderedImage, lit, look, render
 from palletloc.synthetic.rig import camera_of
 from palletloc.synthetic.scene import Box, Material
-from palletloc.synthetic.shading import lit, look
 from palletloc.synthetic.tracing import CEILING, FLOOR, WALLS, trace
 
 BLACK = Material((0.0, 0.0, 0.0))
@@ -128,7 +127,7 @@ def test_the_nearer_of_two_solids_of_one_shape_is_seen(order: int, hall: Scenes,
     assert (picture.solids == balls.index(far)).sum() < 50
 
 
-def centre(picture: Picture) -> int:
+def centre(picture: RenderedImage) -> int:
     return int(picture.solids[picture.solids.shape[0] // 2, picture.solids.shape[1] // 2])
 
 

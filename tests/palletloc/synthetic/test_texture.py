@@ -3,11 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palletloc.synthetic.texture import Pattern, Texture, noise_levels, sample, srgb
+from palletloc.synthetic.texture import Texture, TexturePattern, noise_levels, sample, srgb
 
 
-@pytest.mark.parametrize("pattern", list(Pattern))
-def test_noise_has_zero_mean_and_unit_variance_and_closes_around(pattern: Pattern) -> None:
+@pytest.mark.parametrize("pattern", list(TexturePattern))
+def test_noise_has_zero_mean_and_unit_variance_and_closes_around(pattern: TexturePattern) -> None:
     tile = noise_levels(pattern, 3)[0]
     assert tile[:-1, :-1].mean() == pytest.approx(0.0, abs=1e-3)
     assert tile[:-1, :-1].std() == pytest.approx(1.0, abs=1e-3)
@@ -15,8 +15,8 @@ def test_noise_has_zero_mean_and_unit_variance_and_closes_around(pattern: Patter
     assert (tile[:, 0] == tile[:, -1]).all()
 
 
-@pytest.mark.parametrize("pattern", list(Pattern))
-def test_equal_seeds_give_equal_noise(pattern: Pattern) -> None:
+@pytest.mark.parametrize("pattern", list(TexturePattern))
+def test_equal_seeds_give_equal_noise(pattern: TexturePattern) -> None:
     noise_levels.cache_clear()
     first = noise_levels(pattern, 1)[0].copy()
     noise_levels.cache_clear()
@@ -25,7 +25,7 @@ def test_equal_seeds_give_equal_noise(pattern: Pattern) -> None:
 
 
 def test_a_texture_repeats_after_its_period_and_fades_with_the_footprint() -> None:
-    texture = Texture(Pattern.SPECKLE, 0.5, 0.1)
+    texture = Texture(TexturePattern.SPECKLE, 0.5, 0.1)
     u, v = np.random.default_rng(0).uniform(0, 3, (2, 5000)).astype(np.float32)
     fine = np.full(5000, 1e-4, np.float32)
     near = sample(texture, 0, u, v, fine)

@@ -1,0 +1,1 @@
+"""Printed targets and what shots show of them."""

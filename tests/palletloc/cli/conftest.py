@@ -1,0 +1,43 @@
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from palletloc.cli.app import run
+
+STARTS = """\
+time_s,model,x_m,y_m,z_m,yaw_rad
+1.0,t11,3,2,0,1.5
+1.0,t11,4,2,0,1.5
+0.0,t11,2.5,2,0,1.5
+"""
+
+
+@pytest.fixture
+def here(blank_recording: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Work beside a recording called approach and starts in it called initial.csv."""
+    monkeypatch.chdir(blank_recording.parent)
+    Path("initial.csv").write_text(STARTS)
+    return blank_recording.parent
+
+
+@pytest.fixture
+def localize(here: Path) -> Callable[..., int]:  # noqa: ARG001 - the place to work in
+    """Return a function that localizes the recording into the folder out, and returns the exit code."""
+    return lambda *options: run(["localize", "approach", "--out", "out", *options])
+
+
+@pytest.fixture
+def contents() -> Callable[[], dict[str, str]]:
+    """Return a function that reads all files of the folder out."""
+    return lambda: {path.name: path.read_text() for path in sorted(Path("out").iterdir())}
+
+
+@pytest.fixture
+def status() -> Callable[[], dict[str, Any]]:
+    """Return a function that reads the status of the run in the folder out."""
+    return lambda: dict(json.loads(Path("out/run.json").read_text()))

@@ -1,0 +1,297 @@
+"""One update of the tracker: from what was believed at one shot, by a motion, to what is believed at the next.
+
+A function of its arguments alone. That is what makes any order of arrival come to the same result: an input that
+comes late is put in its place, and the updates from there on are done again.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from operator import attrgetter
+
+import numpy as np
+
+from tracking.association import FEW, Comparison, Standing, assign
+from tracking.belief import Belief, Disposition, UpdateModel
+from tracking.config import TrackerConfig
+from tracking.events import EventKind
+from tracking.gating import Association, chi_square_limit
+from tracking.motion import Motion
+from tracking.observation import ALL, Observation
+from tracking.state import POSE, Gaussian, Key, TrackGroup, regrouped
+from tracking.track import Rival, Track, floor_sigma
+
+_KEY = attrgetter("key")
+"""By which tracks are put in order."""
+
+_Hits = dict[int, Association]
+"""Measurements of a group's members, by their places in it."""
+
+
+class Prediction:
+    """Tracks as a motion leads them to a shot, before its observations.
+
+    Remembers what observations came to, so that more of them can come without doing everything again.
+
+    Parameters
+    ----------
+    before : Belief
+        What was believed after the shot before.
+    motion : Motion
+        Of the forklift since.
+    time : float
+        Of the shot, in seconds.
+    model : UpdateModel
+        Parameters, filter and sizes.
+    """
+
+    def __init__(self, before: Belief, motion: Motion, time: float, model: UpdateModel) -> None:
+        self.time = time
+        self._model = model
+        self._origin = before, motion
+        tracks, groups = _predicted(before, motion, model)
+        self.ended = tuple((track.key, why) for track in tracks if (why := track.end(time, model.config.life)))
+        if self.ended:
+            alive = {track.key for track in tracks} - {key for key, _ in self.ended}
+            tracks = [track for track in tracks if track.key in alive]
+            groups = regrouped(groups, (), alive, model.config.tracks_together)
+        self._groups = groups
+        self._members = {key: (i, at) for i, group in enumerate(groups) for at, key in enumerate(group.keys)}
+        self.comparison = Comparison(tracks, model.filter, model.config.gate)
+        self._tracks = {track.key: track for track in self.comparison.tracks}
+        self._updated: dict[tuple[int, tuple[tuple[int, str], ...]], tuple[TrackGroup, dict[Key, Track]]] = {}
+        self._separate: dict[int, Track] = {}
+
+    def serves(self, before: Belief, motion: Motion, time: float) -> bool:
+        """Tell whether it comes of just these."""
+        return self._origin[0] is before and self._origin[1] is motion and self.time == time
+
+    def updated(self, hits: Mapping[int, Association]) -> tuple[list[TrackGroup], list[Track]]:
+        """Return the groups and the tracks after measurements.
+
+        Parameters
+        ----------
+        hits : mapping of int to Association
+            By the tracks' numbers in `comparison`.
+        """
+        of_group: list[_Hits] = [{} for _ in self._groups]
+        for track in sorted(hits):
+            i, member = self._members[self.comparison.tracks[track].key]
+            of_group[i][member] = hits[track]
+        after = [self._updated_group(i, measured) for i, measured in enumerate(of_group)]
+        tracks = {key: track for _, members in after for key, track in members.items()}
+        return [group for group, _ in after], [tracks[track.key] for track in self.comparison.tracks]
+
+    def _updated_group(self, number: int, hits: _Hits) -> tuple[TrackGroup, dict[Key, Track]]:
+        """Return a group after measurements, and its tracks; one of which none is measured is as it was."""
+        name = number, tuple((member, hit.observation.order) for member, hit in hits.items())
+        if name not in self._updated:
+            group = self._groups[number]
+            if hits:
+                group = self._model.filter.update_group(group, tuple(hits.items()))
+            tracks = {}
+            for member, (key, state) in enumerate(group.members.items()):
+                track, hit = self._tracks[key], hits.get(member)
+                if hit is None:
+                    tracks[key] = replace(track, misses=track.misses + 1, state=state)
+                else:
+                    tracks[key] = _measured(track, hit, state, self.time, self._model.config)
+            self._updated[name] = group, tracks
+        return self._updated[name]
+
+    def are_separate(self, tracks: Sequence[Track]) -> bool:
+        """Tell whether no two tracks are in the same place; looks only at those that were not there before."""
+        if len(tracks) < 2:
+            return True
+        fresh = [track for track in tracks if id(track) not in self._separate]
+        footprints = self._model.footprints
+        if len(fresh) > FEW:
+            separate = not footprints.sharing(_standing(tracks))
+        else:
+            others = _standing(tracks)
+            separate = all(footprints.same_place(pallet, others).sum() == 1 for pallet in _standing(fresh))
+        self._separate = {id(track): track for track in tracks} if separate else {}
+        return separate
+
+
+def carried(before: Belief, motion: Motion, time: float, model: UpdateModel) -> Belief:
+    """Carry the tracks to a later time without a shot.
+
+    Parameters
+    ----------
+    before : Belief
+        What was believed.
+    motion : Motion
+        Of the forklift since.
+    time : float
+        Where it ends, in seconds.
+    model : UpdateModel
+        Parameters, filter and sizes.
+    """
+    tracks, groups = _predicted(before, motion, model)
+    return Belief(time, tuple(tracks), tuple(groups))
+
+
+def waiting(before: Belief, count: int) -> Belief:
+    """Return what is believed after a shot to which odometry does not reach: what was believed before it."""
+    disposition = Disposition(EventKind.WAITING, reason="no odometry at its time")
+    return replace(before, dispositions=(disposition,) * count, ended=(), renewed=())
+
+
+def advance(prediction: Prediction, observations: Sequence[Observation], model: UpdateModel) -> Belief:
+    """Fuse the observations of a shot.
+
+    Parameters
+    ----------
+    prediction : Prediction
+        Tracks as the motion leads them to the shot.
+    observations : sequence of Observation
+        Of the shot, in their order.
+    model : UpdateModel
+        Parameters, filter and sizes.
+
+    Returns
+    -------
+    Belief
+        After the shot.
+    """
+    pairs = assign(prediction.comparison, observations)
+    groups, tracks = prediction.updated(dict(pairs.values()))
+    dispositions = {
+        i: Disposition(EventKind.ACCEPTED, tracks[track].key, pair.distance, pair.limit)
+        for i, (track, pair) in pairs.items()
+    }
+    known = len(tracks)
+    renewed: list[Key] = []
+    for i, observation in enumerate(observations):
+        if i not in dispositions:
+            dispositions[i] = _left_over(prediction, observation, tracks, renewed, model)
+    vague = {track.key: why for track in tracks if track.misses and (why := track.vague(model.config.life))}
+    kept = [track for track in tracks if track.key not in vague]
+    merged: list[tuple[Key, str]] = []
+    if not prediction.are_separate(kept):
+        kept, merged = _exclusive(kept, model)
+    kept.sort(key=_KEY)
+    if renewed or not known == len(tracks) == len(kept):
+        fresh = {track.key for track in tracks[known:]}.union(renewed)
+        began = [(track.key, track.state) for track in kept if track.key in fresh]
+        groups = regrouped(groups, began, {track.key for track in kept}, model.config.tracks_together)
+    order = tuple(dispositions[i] for i in range(len(observations)))
+    ended = (*prediction.ended, *vague.items(), *merged)
+    return Belief(prediction.time, tuple(kept), tuple(groups), order, ended, tuple(renewed))
+
+
+def _predicted(before: Belief, motion: Motion, model: UpdateModel) -> tuple[list[Track], list[TrackGroup]]:
+    """Return tracks and groups after a motion of the forklift."""
+    groups = model.filter.predict_groups(before.groups, motion)
+    states = {key: state for group in groups for key, state in group.members.items()}
+    tracks = [track.moved(states[track.key]) for track in before.tracks]
+    rivals = {i: track.rival for i, track in enumerate(tracks) if track.rival is not None}
+    after = model.filter.predict([rival.state for rival in rivals.values()], motion)
+    for (i, rival), state in zip(rivals.items(), after, strict=True):
+        tracks[i] = replace(tracks[i], rival=replace(rival, state=state))
+    return tracks, groups
+
+
+def _measured(track: Track, hit: Association, state: Gaussian, time: float, config: TrackerConfig) -> Track:
+    """Return a track after a measurement of its own, in the state after the shot."""
+    ratios = track.ratios
+    if config.gate.adapt_over > 0:
+        ratio = hit.scale * hit.distance / len(hit.observation.components)
+        ratios = (*ratios, ratio)[-config.gate.adapt_over :]
+    hits = track.hits + 1
+    confirmed = track.confirmed or hits >= config.life.confirm_hits
+    return Track(track.key, track.model, state, time, hits, confirmed=confirmed, nis=hit.distance, ratios=ratios)
+
+
+def _left_over(
+    prediction: Prediction, observation: Observation, tracks: list[Track], renewed: list[Key], model: UpdateModel
+) -> Disposition:
+    """Return what becomes of an observation that was assigned to no track; may change the tracks or add one."""
+    comparison = prediction.comparison
+    inside = _track_in_place(comparison, observation, tracks, model)
+    limit = chi_square_limit(model.config.gate.probability, len(observation.components))
+    if inside is not None:
+        tracks[inside], began_anew = _contradicted(tracks[inside], observation, prediction.time, model)
+        key = tracks[inside].key
+        renewed += [key] if began_anew else []
+        known = inside < len(comparison.tracks)
+        pair = comparison.association(observation, inside) if known else None
+        if pair is None:
+            return Disposition(EventKind.GATED, key, None, limit, "another model, or measured twice in this shot")
+        reason = "another measurement of this shot fits better" if pair.passes else ""
+        return Disposition(EventKind.GATED, key, pair.distance, limit, reason)
+    if not observation.is_whole:
+        return Disposition(EventKind.GATED, limit=limit, reason="no track where this part of a pose belongs")
+    if floor_sigma(observation.covariance) > model.config.life.max_sigma_m:
+        return Disposition(EventKind.GATED, limit=limit, reason="no track there, and too uncertain to begin one")
+    key = Key(prediction.time, observation.order)
+    tracks.append(Track(key, observation.model, model.filter.begin(observation), prediction.time))
+    return Disposition(EventKind.ACCEPTED, key)
+
+
+def _track_in_place(
+    comparison: Comparison, observation: Observation, tracks: Sequence[Track], model: UpdateModel
+) -> int | None:
+    """Return the track in whose place an observation is that belongs to none: the nearest one."""
+    if not tracks:
+        return None
+    if not observation.is_whole:
+        return comparison.nearest(observation)
+    found = Standing(observation.values, observation.covariance, observation.model)
+    inside = model.footprints.same_place(found, _standing(tracks))
+    x, y = observation.values[:2].tolist()
+    return min(
+        np.flatnonzero(inside).tolist(),
+        key=lambda j: math.hypot(*(tracks[j].state.mean[:2] - (x, y)).tolist()),
+        default=None,
+    )
+
+
+def _contradicted(track: Track, observation: Observation, time: float, model: UpdateModel) -> tuple[Track, bool]:
+    """Return a track after a measurement in its place that is not its own, and whether it began anew from it.
+
+    Rejected measurements that agree with each other are no outliers: a gate alone would shut them out for ever.
+    Those of a track that was seen in the same shot do not count.
+    """
+    if not observation.is_whole or track.seen == time:
+        return track, False
+    rival, life = _rival(track.rival, observation, model), model.config.life
+    if rival.hits < life.recovery_hits:
+        return replace(track, rival=rival), False
+    confirmed = track.confirmed or rival.hits >= life.confirm_hits
+    return Track(track.key, rival.model, rival.state, time, rival.hits, confirmed=confirmed), True
+
+
+def _rival(rival: Rival | None, observation: Observation, model: UpdateModel) -> Rival:
+    """Return a rival after one more rejected measurement; it begins anew where that does not agree with it."""
+    group_filter = model.filter
+    if rival is not None and rival.model == observation.model:
+        limit = chi_square_limit(model.config.gate.probability, len(ALL))
+        if group_filter.innovation(rival.state, observation).distance <= limit:
+            state = group_filter.update(rival.state, [(0, Association(observation))])
+            return Rival(state, rival.model, rival.hits + 1)
+    return Rival(group_filter.begin(observation), observation.model, 1)
+
+
+def _exclusive(tracks: Sequence[Track], model: UpdateModel) -> tuple[list[Track], list[tuple[Key, str]]]:
+    """Return the tracks of which no two are in the same place, and those that gave way to a better one."""
+    together = model.footprints.sharing(_standing(tracks))
+    if not together:
+        return list(tracks), []
+    kept: list[int] = []
+    merged: list[tuple[Key, str]] = []
+    ranks = [(not track.confirmed, track.misses > 0, -track.hits, track.key) for track in tracks]
+    for i in sorted(range(len(tracks)), key=lambda number: ranks[number]):
+        if any((min(i, j), max(i, j)) in together for j in kept):
+            merged.append((tracks[i].key, "another track is in its place"))
+        else:
+            kept.append(i)
+    return [tracks[i] for i in kept], merged
+
+
+def _standing(tracks: Sequence[Track]) -> list[Standing]:
+    """Return where the pallets of tracks stand."""
+    return [Standing(track.state.mean[POSE], track.state.covariance, track.model) for track in tracks]

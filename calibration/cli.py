@@ -14,7 +14,7 @@ from rich.text import Text
 from palletloc.errors import PalletLocError
 
 if TYPE_CHECKING:
-    from calibration.sections import ResultPage
+    from calibration.result_page import ResultPage
 
 app = typer.Typer(no_args_is_help=True, help="Calibrate the camera's mounting, lenses and shelf plane; make targets.")
 

@@ -76,13 +76,13 @@ class MotionResult:
         return Mounting(fit.state.camera, (x, y, z), (roll, pitch, yaw))
 
 
-def calibrate_motion(recording: Path, on_progress: Callable[[str], None] = lambda _: None) -> MotionResult:
+def calibrate_motion(folder: Path, on_progress: Callable[[str], None] = lambda _: None) -> MotionResult:
     """Check the mounting that a recording states by a drive past targets, as far as such a drive can tell.
 
     Parameters
     ----------
-    recording : Path
-        Its folder, with targets.yaml.
+    folder : Path
+        The recording, with targets.yaml.
     on_progress : callable
         Is told what is done next.
 
@@ -96,7 +96,7 @@ def calibrate_motion(recording: Path, on_progress: Callable[[str], None] = lambd
     PalletLocError
         If a file is missing or wrong, or a target is there twice.
     """
-    task = read_motion_task(recording)
+    task = read_motion_task(folder)
     observations = _observed(task, on_progress)
     on_progress("fitting")
     if not observations:

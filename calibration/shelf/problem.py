@@ -14,7 +14,7 @@ from calibration.shelf.pallets import PalletObservation
 from palletloc.geometry import FloatArray, wrap_angle
 
 _JOIN = 0.35
-"""Sights that differ by less in place and height, in metres, are of one pallet: less than half of its width."""
+"""Sights that differ by less in place and height, in metres, show one pallet: less than half of its width."""
 _INFLATION = 2.0
 """Factor on the variances of the localizer's poses, by judgement: neighbouring shots see a face in the same light, and
 err alike."""

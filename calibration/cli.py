@@ -14,7 +14,7 @@ from rich.text import Text
 from palletloc.errors import PalletLocError
 
 if TYPE_CHECKING:
-    from calibration.sections import ResultPage
+    from calibration.result_page import ResultPage
 
 app = typer.Typer(no_args_is_help=True, help="Calibrate the camera's mounting, lenses and shelf plane; make targets.")
 
@@ -34,7 +34,7 @@ def extrinsics(
     from calibration import calibrate_motion, calibrate_mounting  # numpy, cv2 and matplotlib take a second
     from calibration.motion.report import motion_page
     from calibration.mounting.report import mounting_page
-    from calibration.outcome import write_result
+    from calibration.result_page import write_result
 
     _expect(out, ".yaml", ".yml")
     with _progress() as told:
@@ -58,8 +58,8 @@ def plan(
 ) -> None:
     """Predict how well planned targets will give the camera's pose, before anything is hung or driven."""
     from calibration import plan_targets
-    from calibration.outcome import write_result
     from calibration.plan.report import plan_page
+    from calibration.result_page import write_result
 
     if out is not None:
         _expect(out, ".html")
@@ -84,7 +84,7 @@ def shelf(
 ) -> None:
     """Find the front plane of a shelf from a recording; by default around the plane that it states."""
     from calibration import calibrate_shelf
-    from calibration.outcome import write_result
+    from calibration.result_page import write_result
     from calibration.shelf.report import shelf_page
     from calibration.shelf.survey import Front
     from calibration.shelf.upright_tags import TagsOnUprights
@@ -117,7 +117,7 @@ def check(
     """Check whether the camera still sits on the forklift as a recording says."""
     from calibration import check_mounting
     from calibration.check.report import check_page
-    from calibration.outcome import write_report
+    from calibration.result_page import write_report
 
     if out is not None:
         _expect(out, ".html")
@@ -193,7 +193,7 @@ def intrinsics(
     """Find the parameters of a lens, or of two, from shots of boards."""
     from calibration import calibrate_lenses
     from calibration.intrinsics.report import lenses_page
-    from calibration.outcome import write_result
+    from calibration.result_page import write_result
 
     _expect(out, ".yaml", ".yml")
     with _progress() as told:

@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from palletloc.footprint import outline, overlaps
@@ -31,7 +30,7 @@ UNSURE = 3.0
 
 
 class Comparison:
-    """Tracks as a shot finds them beside its observations; remembers what was compared while more of them come.
+    """Compares the predicted tracks with the observations of a shot; keeps the results while more observations come.
 
     Parameters
     ----------
@@ -56,8 +55,10 @@ class Comparison:
         return [covariance_scale(track.ratios, self._config) for track in self.tracks]
 
     @cached_property
-    def _models(self) -> NDArray[np.object_]:
-        return np.array([track.model for track in self.tracks], dtype=object)
+    def _models(self) -> tuple[dict[str, int], IntArray]:
+        """Return numbers of the models, and those of the tracks."""
+        numbers = {model: i for i, model in enumerate(dict.fromkeys(track.model for track in self.tracks))}
+        return numbers, np.array([numbers[track.model] for track in self.tracks], dtype=np.intp)
 
     @cached_property
     def _means(self) -> FloatArray:
@@ -124,8 +125,9 @@ class Comparison:
         places = np.array([each.place or (0.0, 0.0, 0.0) for each in observations])
         offsets = self._means[:, :3] - places[:, None]
         distances = np.sqrt((offsets * offsets).sum(axis=2))
-        alike = np.array([each.model for each in observations], dtype=object)[:, None] == self._models
-        possible = alike.astype(np.bool_) & ((distances <= self._config.max_distance_m) | ~placed[:, None])
+        numbers, of_tracks = self._models
+        same_model = np.array([numbers.get(each.model, -1) for each in observations])[:, None] == of_tracks
+        possible = same_model & ((distances <= self._config.max_distance_m) | ~placed[:, None])
         for i, observation in enumerate(observations):
             vague = observation.place is not None and observation.components[:3] != (0, 1, 2)
             if vague and possible[i].any():
@@ -135,11 +137,11 @@ class Comparison:
 
     def _possible_of(self, observation: Observation) -> list[int]:
         """Return the same of a single observation."""
-        alike = [j for j, track in enumerate(self.tracks) if track.model == observation.model]
+        same_model = [j for j, track in enumerate(self.tracks) if track.model == observation.model]
         place = observation.place
         if place is None:
-            return alike
-        distances = [(math.dist(self.tracks[j].state.mean[:3].tolist(), place), j) for j in alike]
+            return same_model
+        distances = [(math.dist(self.tracks[j].state.mean[:3].tolist(), place), j) for j in same_model]
         possible = [(distance, j) for distance, j in distances if distance <= self._config.max_distance_m]
         if observation.components[:3] != (0, 1, 2):
             possible = [min(possible)] if possible else []

@@ -43,7 +43,7 @@ _ROWS = ((3, "yaw", "\N{DEGREE SIGN}", 180 / np.pi), (0, "depth", "mm", 1000.0),
 """Which deviation, its name, its unit, and how many of that in a metre or radian."""
 
 
-Reference = Callable[[float], LevelPose | None]
+_Reference = Callable[[float], LevelPose | None]
 """Where a pallet is held to be at a time: ``forklift_from_pallet``, or None where that is not known."""
 
 
@@ -159,7 +159,7 @@ def _true_pallet(rows: Iterable[TrackRow], truth: Truth) -> TruePallet | None:
     return pallets[votes.most_common(1)[0][0]] if votes else None
 
 
-def _by_truth(truth: Truth, pallet: TruePallet) -> Reference:
+def _by_truth(truth: Truth, pallet: TruePallet) -> _Reference:
     def at(time: float) -> LevelPose | None:
         try:
             world_from_forklift = truth.forklift.pose_at(time)
@@ -170,7 +170,7 @@ def _by_truth(truth: Truth, pallet: TruePallet) -> Reference:
     return at
 
 
-def _by_end(end: TrackRow, run: TrackedRecording) -> Reference:
+def _by_end(end: TrackRow, run: TrackedRecording) -> _Reference:
     """Return where odometry carries the end of a track back to."""
     last = odometry_at(run.recording, end.time)
 
@@ -187,7 +187,7 @@ def _distance(pose: LevelPose, other: LevelPose) -> float:
     return math.dist((pose.x, pose.y, pose.z), (other.x, other.y, other.z))
 
 
-def _against(reference: Reference, poses: Sequence[tuple[float, LevelPose, FloatArray]]) -> Deviations:
+def _against(reference: _Reference, poses: Sequence[tuple[float, LevelPose, FloatArray]]) -> Deviations:
     times, offsets, sigmas = [], [], []
     for time, pose, covariance in poses:
         held = reference(time)

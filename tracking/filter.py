@@ -153,7 +153,7 @@ class GroupFilter:
             Factor on its covariance.
         """
         mean, P = state
-        H, R = model_of(observation, scale)
+        H, R = (observation.H, observation.own) if scale == 1.0 else model_of(observation, scale)
         S = H.dot(P).dot(H.T)
         S += R
         residual = _residual(observation, H, mean)
@@ -196,7 +196,7 @@ class GroupFilter:
         return Gaussian(mean, _symmetric(P))
 
     def update_group(self, group: TrackGroup, hits: Sequence[tuple[int, Association]]) -> TrackGroup:
-        """Return a group after measurements; `update` says how."""
+        """Return a group after measurements; see `update`."""
         return TrackGroup(group.keys, self.update(group.state, hits), group.predicted, group.carried)
 
     def _one_by_one(self, state: Gaussian, hits: Sequence[tuple[int, Association]]) -> Gaussian:

@@ -55,7 +55,7 @@ def chi_square_limit(probability: float, dof: int) -> float:
 
 
 @lru_cache(maxsize=256)
-def mean_band(probability: float, dof: int, count: int) -> tuple[float, float]:
+def _mean_band(probability: float, dof: int, count: int) -> tuple[float, float]:
     """Return between what the mean of chi-square variables over their degrees of freedom is with a probability.
 
     Parameters
@@ -95,7 +95,7 @@ def covariance_scale(ratios: Sequence[float], config: GateConfig) -> float:
     The mean of n normalised innovations squared over their degrees of freedom is 1 where covariances are honest,
     and a chi-square variable of 4 n degrees over 4 n. Within its band nothing is changed. Large innovations are
     believed early, before the gate shuts good measurements out; small ones only when the window is full, because
-    measurements that err alike agree with each other, too.
+    measurements with a common error agree with each other, too.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def covariance_scale(ratios: Sequence[float], config: GateConfig) -> float:
     if count < config.adapt_from or count == 0:
         return 1.0
     mean = sum(last) / count
-    low, high = mean_band(config.adapt_probability, 4, count)
+    low, high = _mean_band(config.adapt_probability, 4, count)
     if mean > high:
         return min(mean, config.max_scale)
     if mean < low and count == config.adapt_over:

@@ -1,4 +1,4 @@
-r"""How much later than its exposure a shot is stamped, as the pallets in several shots and odometry tell.
+r"""How much later than its exposure a shot is stamped, estimated from the pallets in several shots and odometry.
 
 A pallet stands still. Carried by odometry into one frame, its measurements should all give the same pose:
 
@@ -12,7 +12,7 @@ likelihood of :math:`\tau`, with everything else left free, is what cross-correl
 the odometry's comes to when every error has its covariance (generalised least squares). Its logarithm is taken at
 trial offsets, and its vertex by a parabola.
 
-At constant speed :math:`\tau` moves all :math:`y_i` alike, as another :math:`P` would: it cannot be told.
+At constant speed :math:`\tau` moves all :math:`y_i` in the same way as another :math:`P` would: it is not observable.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ ORDER = 3
 FEWEST = 4
 """Shots below which nothing is said."""
 NOISE_SHARE = 0.25
-"""Part of what the changes of speed tell that the odometry's noise may pretend."""
+"""Largest part of the information from changes of speed that the odometry's noise may account for."""
 MOST_MISFIT = 3.0
 """Misfit over its expectation above which the measurements contradict each other at every offset."""
 MOST_PALLETS = 4
@@ -53,24 +53,24 @@ PLANE = np.ix_((0, 1, 3), (0, 1, 3))
 
 @dataclass(frozen=True, slots=True)
 class LatencyEstimate:
-    """How much later than its exposure a shot is stamped, beyond what `MeasurementErrors.latency_s` says already."""
+    """How much later than its exposure a shot is stamped, beyond `MeasurementErrors.latency_s`."""
 
     offset: float = math.nan
-    """In seconds; positive where the stamps are late. NaN where the shots do not tell."""
+    """In seconds; positive where the stamps are late. NaN where it is not observable."""
     sigma: float = math.inf
     """Standard deviation, in seconds."""
     observable: bool = False
-    """Whether the shots tell it: speed varied by more than the noise, and the vertex is inside the search."""
+    """Whether speed varied by more than the noise, and the vertex is inside the search."""
     shots: int = 0
     """How many shots were compared."""
 
 
-def trial_offsets(config: LatencyConfig) -> FloatArray:
+def _trial_offsets(config: LatencyConfig) -> FloatArray:
     """Return the (TRIALS,) latencies that are tried, in seconds."""
     return np.linspace(-config.search_s, config.search_s, TRIALS)
 
 
-def estimate_latency(shots: Sequence[LatencyShot], config: TrackerConfig) -> LatencyEstimate:
+def _estimated(shots: Sequence[LatencyShot], config: TrackerConfig) -> LatencyEstimate:
     """Estimate the latency from shots in the order of time.
 
     Parameters
@@ -83,7 +83,7 @@ def estimate_latency(shots: Sequence[LatencyShot], config: TrackerConfig) -> Lat
     Returns
     -------
     LatencyEstimate
-        Not observable where the shots do not tell.
+        Its `observable` is false where the shots do not determine it.
     """
     found, misfit = _vertex(shots, [(*shot.sightings, *shot.rejected) for shot in shots], config)
     if misfit > MOST_MISFIT and any(shot.rejected for shot in shots):
@@ -117,9 +117,9 @@ def _vertex(
     bend = low - 2 * middle + high
     if not bend > 0:
         return LatencyEstimate(shots=count), worse
-    offset = float(trial_offsets(limits)[best] + step * (low - high) / (2 * bend))
+    offset = float(_trial_offsets(limits)[best] + step * (low - high) / (2 * bend))
     information = float(bend / (2 * step**2))
-    pretended = noise * jitter_rate(limits.search_s, offset)
+    pretended = noise * _jitter_rate(limits.search_s, offset)
     if pretended > NOISE_SHARE * information:
         return LatencyEstimate(shots=count), worse
     sigma = math.sqrt(worse / (information - pretended))
@@ -149,7 +149,7 @@ class _Profile(NamedTuple):
     constants: FloatArray
     """(2,) odometry's constant errors where they agree best."""
     noise: float
-    """What jitter of one unit in the rates would pretend to tell."""
+    """Information that jitter of one unit in the rates would add wrongly."""
     freedom: int
     """Degrees of freedom of the misfit."""
 
@@ -176,14 +176,14 @@ def _profile(stack: ShotStack, config: TrackerConfig) -> _Profile:
 
 
 @lru_cache(maxsize=1)
-def smoothing() -> FloatArray:
+def _smoothing() -> FloatArray:
     """Return the (TRIALS, TRIALS) matrix that replaces values at the offsets by a polynomial without constant."""
     powers = _powers()
     return np.asarray(powers @ np.linalg.pinv(powers))
 
 
-def jitter_rate(search: float, offset: float) -> float:
-    """Return the variance of the rate that `smoothing` makes of a random walk of 1 unit per root second.
+def _jitter_rate(search: float, offset: float) -> float:
+    """Return the variance of the rate that `_smoothing` makes of a random walk of 1 unit per root second.
 
     Parameters
     ----------
@@ -195,8 +195,8 @@ def jitter_rate(search: float, offset: float) -> float:
     offsets = np.linspace(-search, search, TRIALS)
     slopes = np.array([power * (offset / search) ** (power - 1) for power in range(1, ORDER + 1)]) / search
     slope = slopes @ np.linalg.pinv(_powers())
-    apart = np.minimum.outer(np.abs(offsets), np.abs(offsets))
-    walk = np.where(np.multiply.outer(offsets, offsets) > 0, apart, 0.0)
+    common = np.minimum.outer(np.abs(offsets), np.abs(offsets))
+    walk = np.where(np.multiply.outer(offsets, offsets) > 0, common, 0.0)
     return float(slope @ walk @ slope)
 
 
@@ -206,7 +206,7 @@ def _powers() -> FloatArray:
 
 
 class LatencyWatch:
-    """Takes shots that are final, and tells when the camera's latency shows.
+    """Collects shots that are final, and reports the camera's latency when it becomes significant.
 
     Parameters
     ----------
@@ -223,11 +223,11 @@ class LatencyWatch:
         """The latency that was reported last, in seconds."""
 
     def estimate(self) -> LatencyEstimate:
-        """Return what the shots that are kept tell."""
-        return estimate_latency(self.shots, self._config)
+        """Return the estimate from the shots that are kept."""
+        return _estimated(self.shots, self._config)
 
     def of_final(self, window: Window, horizon: float) -> list[Event]:
-        """Take the shots that no input can change any more; return what they tell anew.
+        """Take the shots that no input can change any more; return a new or changed latency.
 
         Parameters
         ----------
@@ -263,7 +263,7 @@ class LatencyWatch:
         return [Event(EventKind.LATENCY, time, reason=reason)]
 
     def _take(self, shot: ShotMeasurements, belief: Belief, path: DrivenPath) -> bool:
-        """Take a shot; tell whether it is of use."""
+        """Take a shot; return whether it is of use."""
         limits = self._config.latency
         if self.shots and shot.time < self.shots[-1].time + limits.spacing_s:
             return False
@@ -290,7 +290,7 @@ class LatencyWatch:
     def _around(self, time: float, path: DrivenPath) -> FloatArray | None:
         """Return where the forklift was at the trial offsets; None where odometry does not say."""
         limits = self._config.latency
-        offsets = trial_offsets(limits)
+        offsets = _trial_offsets(limits)
         within = path.rates_within(time - limits.search_s, time + limits.search_s)
         if within is None or np.diff(within[0]).max() > limits.max_gap_s:
             return None
@@ -306,7 +306,7 @@ class LatencyWatch:
         now = np.array([np.interp(time, times, column) for column in poses.T])
         at = time - offsets
         exposed = np.stack([np.interp(at, times, column) for column in (poses - now).T], axis=1)
-        return np.asarray(smoothing() @ exposed)
+        return np.asarray(_smoothing() @ exposed)
 
 
 def _sightings(shot: ShotMeasurements, belief: Belief, kind: EventKind) -> tuple[Sighting, ...]:

@@ -2,7 +2,7 @@
 
 A motion is the pose of the later forklift in the frame of the earlier one, (dx, dy, dyaw). Its uncertainty has two
 parts: noise that is new in every instant, and the odometry's constant errors, the wheels' scale and the gyroscope's
-bias, by which every motion of an approach errs alike.
+bias, which are the same for every motion of an approach.
 """
 
 from __future__ import annotations

@@ -75,9 +75,9 @@ class Observation:
     common_variance: float
     """Sum of the squares of `common`."""
     place: tuple[float, float, float] | None
-    """About where the pallet is, in metres; None where the measurement does not tell."""
+    """About where the pallet is, in metres; None where the measurement has no place."""
     order: str
-    """Its place among the observations of a shot, whatever order they came in: all that it says."""
+    """Its place among the observations of a shot, whatever order they came in: made of all its numbers."""
     source: PalletMeasurement | PartialMeasurement
     """What it was made of."""
 
@@ -93,7 +93,7 @@ class Observation:
 
 
 class _Given(NamedTuple):
-    """A measurement taken apart."""
+    """The parts of a measurement."""
 
     source: PalletMeasurement | PartialMeasurement
     components: tuple[int, ...]
@@ -136,7 +136,7 @@ def observe(
 
 
 def _given(measurement: PalletMeasurement | PartialMeasurement) -> _Given:
-    """Take a measurement apart; raise where a part has another form."""
+    """Return the parts of a measurement; raise where a part has another form."""
     time = measurement.time
     check_time(time)
     if isinstance(measurement, PalletMeasurement):
@@ -200,7 +200,7 @@ def _ready(
     commons = _commons(covariances, components, poses[:, YAW], errors)
     owns = covariances - commons @ commons.transpose(0, 2, 1)
     by_state = np.zeros((len(group), len(components), SIZE))
-    by_state[:, :, POSE], by_state[:, :, COMMON] = picked(components), commons
+    by_state[:, :, POSE], by_state[:, :, COMMON] = _picked(components), commons
     spreads = np.einsum("nii->ni", covariances)[:, :3].sum(axis=1).tolist()
     squares = (commons * commons).sum(axis=(1, 2)).tolist()
     rows = zip(group, values, covariances, commons, by_state, owns, spreads, squares, poses, strict=True)
@@ -249,7 +249,7 @@ def _commons(
     large = np.linalg.eigvalsh(errors.max_common_share * turned - np.diag(sigmas**2))[:, 0] < 0
     if large.any():
         roots[large] = _cut(turned[large], sigmas, errors.max_common_share)
-    return np.asarray(axes @ roots @ picked(components))
+    return np.asarray(axes @ roots @ _picked(components))
 
 
 def _cut(covariances: FloatArray, sigmas: FloatArray, most: float) -> FloatArray:
@@ -263,7 +263,7 @@ def _cut(covariances: FloatArray, sigmas: FloatArray, most: float) -> FloatArray
 
 
 @lru_cache(maxsize=16)
-def picked(components: tuple[int, ...]) -> FloatArray:
+def _picked(components: tuple[int, ...]) -> FloatArray:
     """Return the (k, 4) matrix that picks components of a pose."""
     rows = np.eye(4)[list(components)]
     rows.flags.writeable = False

@@ -30,15 +30,15 @@ class Odometry:
     """Rates at that time."""
     covariance: FloatArray | None = None
     """(3, 3) covariance of the noise of (forward, left, turn), in (m/s)^2 and (rad/s)^2, which is new in every
-    sample; None for what `OdometryNoise` says."""
+    sample; None for `OdometryNoise`."""
     frame: str = ODOM
     """Frame of the pose."""
     child_frame: str = FORKLIFT
     """Frame whose pose it is."""
 
     @property
-    def says(self) -> tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]:
-        """All that it says, to be compared with another sample."""
+    def contents(self) -> tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]:
+        """All of its numbers, to be compared with another sample."""
         pose = () if self.pose is None else tuple(self.pose.as_array().tolist())
         twist = () if self.twist is None else (self.twist.forward, self.twist.left, self.twist.turn)
         covariance = () if self.covariance is None else tuple(np.ravel(self.covariance).tolist())
@@ -61,8 +61,8 @@ def check_odometry(sample: Odometry) -> Odometry:
     Raises
     ------
     BadInputError
-        If a number is not finite or beyond all reason, the frames are others, it says nothing, or its covariance is
-        not symmetric positive definite.
+        If a number is not finite or beyond all reason, the frames are others, it has neither pose nor rates, or its
+        covariance is not symmetric positive definite.
     """
     time = sample.time
     check_time(time)
@@ -71,8 +71,8 @@ def check_odometry(sample: Odometry) -> Odometry:
         raise BadInputError("frame", time, f"expected the pose of {FORKLIFT!r} in {ODOM!r}, {got}")
     if sample.pose is None and sample.twist is None:
         raise BadInputError("odometry", time, "expected a pose, rates, or both")
-    check_values("pose", sample.says[0], time)
-    check_values("twist", sample.says[1], time)
+    check_values("pose", sample.contents[0], time)
+    check_values("twist", sample.contents[1], time)
     if sample.covariance is None:
         return sample
     return replace(sample, covariance=checked_covariance(sample.covariance, 3, time))
@@ -173,8 +173,8 @@ class OdometryNoise:
             Time since the sample before, and to the one after, in seconds.
         """
         reach = before * after / 2
-        apart = (self.acceleration_mps2 * reach) ** 2
-        return np.diag([apart, apart, (math.radians(self.turn_acceleration_dps2) * reach) ** 2])
+        place = (self.acceleration_mps2 * reach) ** 2
+        return np.diag([place, place, (math.radians(self.turn_acceleration_dps2) * reach) ** 2])
 
 
 def rates_between(earlier: Odometry, later: Odometry) -> Twist | None:

@@ -1,6 +1,6 @@
 r"""What the tracks have learnt of odometry's constant errors, wheel scale and gyro bias, taken together.
 
-Every track begins from the same prior :math:`\Lambda_0` and adds what its pallet says of the errors,
+Every track begins from the same prior :math:`\Lambda_0` and adds the information of its pallet,
 :math:`G_i = P_i^{-1} - \Lambda_0`. The prior counts once. The gains are not independent, either: all tracks see the
 same random noise of the odometry, to an extent that is not kept. They are fused by covariance intersection,
 
@@ -28,12 +28,12 @@ ROUNDS = 30
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OdometryErrors:
-    """Odometry's constant errors: what has to be added to what it says."""
+    """Odometry's constant errors: what has to be added to its values."""
 
     wheel_scale_percent: float
-    """By how much ways are longer than odometry says."""
+    """By how much ways are longer than by odometry."""
     gyro_bias_deg_s: float
-    """By how much the forklift turns faster to the left than odometry says, in degrees per second."""
+    """By how much the forklift turns faster to the left than by odometry, in degrees per second."""
     covariance: FloatArray
     """(2, 2) covariance of both, in these units."""
     tracks: int
@@ -72,10 +72,10 @@ def odometry_errors(states: Sequence[Gaussian], config: TrackerConfig) -> Odomet
     if estimated:
         scale = sigmas[estimated]
         block = np.ix_(estimated, estimated)
-        gains, said = _gains(used, estimated, scale)
+        gains, weighted = _gains(used, estimated, scale)
         weights = _weights(gains)
         known = np.linalg.inv(np.eye(len(estimated)) + np.einsum("n,nab->ab", weights, gains))
-        mean[estimated] = scale * (known @ (weights @ said))
+        mean[estimated] = scale * (known @ (weights @ weighted))
         covariance[block] = known * np.outer(scale, scale)
     units = np.array([100.0, math.degrees(1.0)])
     percent, bias = (float(value) for value in units * mean)
@@ -83,16 +83,16 @@ def odometry_errors(states: Sequence[Gaussian], config: TrackerConfig) -> Odomet
 
 
 def _gains(states: Sequence[Gaussian], estimated: list[int], scale: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the tracks' (n, k, k) information beyond the prior and (n, k) what it says, in units of the prior."""
+    """Return the tracks' (n, k, k) information beyond the prior and (n, k) vectors of it, in units of the prior."""
     size = len(estimated)
-    gains, said = np.zeros((len(states), size, size)), np.zeros((len(states), size))
+    gains, weighted = np.zeros((len(states), size, size)), np.zeros((len(states), size))
     for i, state in enumerate(states):
         own = state.covariance[CONSTANTS, CONSTANTS][np.ix_(estimated, estimated)] / np.outer(scale, scale)
         information = np.linalg.inv(own)
-        said[i] = information @ (state.mean[CONSTANTS][estimated] / scale)
+        weighted[i] = information @ (state.mean[CONSTANTS][estimated] / scale)
         values, vectors = np.linalg.eigh(information - np.eye(size))
         gains[i] = (vectors * np.maximum(values, 0.0)) @ vectors.T  # rounding may leave less than the prior
-    return gains, said
+    return gains, weighted
 
 
 def _weights(gains: FloatArray) -> FloatArray:

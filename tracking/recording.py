@@ -154,7 +154,7 @@ def track_recording(
     config : TrackerConfig, optional
         Parameters.
     unread : iterable of float
-        Times of shots that could not be used, in seconds: that no pallet was found in them says nothing.
+        Times of shots that could not be used, in seconds: their tracks count no miss.
     smooth : bool
         Whether to go back through it with all that is known at the end.
     follow : callable, optional

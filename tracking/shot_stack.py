@@ -113,17 +113,17 @@ class ShotStack:
     def shared(self, fades_over: float) -> FloatArray:
         """Return the (3 m, 3 m) covariance of what a pallet's measurements share, and that fades along the way."""
         rows = self.common.reshape(-1, 4)
-        apart = np.abs(self.path[:, None] - self.path)
-        share = np.where(self.pallet[:, None] == self.pallet, np.exp(-apart / fades_over), 0.0)
+        distance = np.abs(self.path[:, None] - self.path)
+        share = np.where(self.pallet[:, None] == self.pallet, np.exp(-distance / fades_over), 0.0)
         return np.asarray((rows @ rows.T) * np.repeat(np.repeat(share, 3, axis=0), 3, axis=1))
 
     def from_first(self) -> FloatArray:
         """Return the (3 m, trials) places against those of each pallet's first sighting, turns the short way."""
         _, first = np.unique(self.pallet, return_index=True)
         now = self.places.shape[1] // 2
-        away = self.places - self.places[first[self.pallet], now][:, None]
-        away[..., 2] = (away[..., 2] + math.pi) % (2 * math.pi) - math.pi
-        return np.asarray(away.transpose(0, 2, 1).reshape(3 * len(away), -1))
+        offsets = self.places - self.places[first[self.pallet], now][:, None]
+        offsets[..., 2] = (offsets[..., 2] + math.pi) % (2 * math.pi) - math.pi
+        return np.asarray(offsets.transpose(0, 2, 1).reshape(3 * len(offsets), -1))
 
 
 class _Way:

@@ -218,7 +218,7 @@ def smoothed_groups(steps: Sequence[Sequence[TrackGroup]]) -> list[list[Gaussian
 def _back(known: Gaussian, later: TrackGroup, smooth: Gaussian) -> Gaussian:
     """Return what is known after a step by all that is known after the next one.
 
-    By the pallets that lived on through that, which tell all that was learnt after it.
+    By the pallets that lived on through that, which hold all that was learnt after it.
     """
     predicted = later.predicted
     if predicted is None:

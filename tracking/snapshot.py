@@ -27,7 +27,7 @@ from tracking.shot_stack import LatencyShot
 from tracking.state import OWN, Gaussian, Key, TrackGroup, size_of
 from tracking.track import Track
 from tracking.validation import BadInputError
-from tracking.window import Clock, ShotMeasurements, Window
+from tracking.window import Clock, Window
 
 VERSION = 3
 """Of the form; another one is refused."""
@@ -81,7 +81,7 @@ class Memory:
     latency_reported: float | None
     """The latency that was reported last, in seconds."""
     latency_shots: tuple[LatencyShot, ...]
-    """Shots that tell of it."""
+    """Shots for its estimate."""
 
 
 class Parts(NamedTuple):
@@ -144,7 +144,9 @@ def restored(memory: Memory, model: UpdateModel) -> Parts:
         for sample in memory.odometry:
             window.path.put(check_odometry(sample))
         for time, measurements in memory.shots:
-            window.place(ShotMeasurements(time, _observations(measurements, model.config)))
+            window.place(time)
+            for observation in _observations(measurements, model.config):
+                window.place(time, observation)
         held = [_ready(given, model.config) for given in memory.held]
     except BadInputError as error:
         raise fault("", str(error)) from None

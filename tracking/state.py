@@ -1,7 +1,7 @@
 """What is known of pallets that share one estimate.
 
-The forklift sees all of its pallets, so what odometry gets wrong between two shots moves all of them alike. Pallets
-in one group tell each other of it. The state of one pallet alone is
+The forklift sees all of its pallets, so what odometry gets wrong between two shots moves all of them in the same
+way. The measurements of one pallet of a group correct the others. The state of one pallet alone is
 
 ====== =========================================================================================
 0 - 3  x, y, z in metres and yaw in radians: ``forklift_from_pallet``
@@ -129,7 +129,7 @@ class TrackGroup:
         return dict(zip(self.keys, members_of(self.state), strict=True))
 
     def kept(self, keys: Sequence[Key]) -> TrackGroup:
-        """Return the group of some of its tracks; what the others have told of the odometry remains.
+        """Return the group of some of its tracks; what the others have taught of the odometry remains.
 
         Parameters
         ----------

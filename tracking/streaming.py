@@ -158,7 +158,7 @@ def stream(source: Iterable[Input | CameraShot], localizer: ShotLocalizer, track
 
 @dataclass(slots=True)
 class _Loop:
-    """Shots that wait until odometry says where they were taken."""
+    """Shots that wait until odometry reaches them."""
 
     localizer: ShotLocalizer
     tracker: PalletTracker
@@ -167,7 +167,7 @@ class _Loop:
     def take(self, shot: CameraShot) -> Iterator[Event]:
         newest, window = self.tracker.newest, self.tracker.config.window.window_s
         if not math.isfinite(shot.time) or (newest is not None and newest - shot.time > window):
-            yield from self.tracker.push(ShotTaken(shot.time))  # the tracker says why it is of no use
+            yield from self.tracker.push(ShotTaken(shot.time))  # the tracker gives the reason
             return
         if self._pose(shot) is None:
             yield Event(EventKind.WAITING, shot.time, reason="no odometry at its time")

@@ -23,7 +23,7 @@ from tracking.smoother import History, Moment
 from tracking.snapshot import Parts, Ready, read_memory, restored, written
 from tracking.track_state import TrackState, states_at
 from tracking.validation import BadInputError, UnknownTrackError
-from tracking.window import Clock, ShotMeasurements, Window
+from tracking.window import Clock, Window
 
 Input = Odometry | PalletMeasurement | PartialMeasurement | ShotTaken
 """What a tracker takes."""
@@ -91,7 +91,7 @@ class PalletTracker:
         ----------
         given : Odometry, PalletMeasurement, PartialMeasurement, ShotTaken, or several of them
             In any order of time inside the window. A shot in which nothing was found is worth a `ShotTaken`, too:
-            it says that no pallet was seen.
+            no pallet was seen then.
 
         Returns
         -------
@@ -200,14 +200,14 @@ class PalletTracker:
         return Window(self._model, Belief(), None if self._history is None else self._history.final)
 
     def latency(self) -> LatencyEstimate:
-        """Return how much later than their exposure shots are stamped, as the last half minute tells.
+        """Return how much later than their exposure shots are stamped, by those of the last half minute.
 
-        Shots count from when they are older than the window. An event says when a latency shows or changes.
+        Shots count once they are older than the window. An event reports a latency that is significant or changes.
 
         Returns
         -------
         LatencyEstimate
-            Beyond what `MeasurementErrors.latency_s` says already; not observable where speed did not vary.
+            Beyond `MeasurementErrors.latency_s`; not observable where speed did not vary.
         """
         return self._latency.estimate()
 
@@ -320,8 +320,8 @@ class PalletTracker:
     def _take_odometry(self, sample: Odometry) -> tuple[list[Event], float]:
         path = self._window.path
         present = path.find(sample.time)
-        if present is not None and present.says >= sample.says:
-            reason = "" if present.says == sample.says else "another sample of the same time was kept"
+        if present is not None and present.contents >= sample.contents:
+            reason = "" if present.contents == sample.contents else "another sample of the same time was kept"
             return [Event(EventKind.DUPLICATE, sample.time, reason=reason)], math.inf
         changed = path.put(sample)
         events = [Event(EventKind.ACCEPTED, sample.time)]
@@ -330,15 +330,10 @@ class PalletTracker:
         return events, math.nextafter(changed, math.inf)
 
     def _take_shot(self, given: Observation | ShotTaken) -> list[Event]:
-        shot = self._window.shot_at(given.time)
         if isinstance(given, ShotTaken):
-            if shot is None:
-                self._window.place(ShotMeasurements(given.time))
+            self._window.place(given.time)
             return [Event(EventKind.ACCEPTED, given.time)]
-        if shot is not None and shot.holds(given):
-            return [Event(EventKind.DUPLICATE, given.time)]
-        self._window.place((shot or ShotMeasurements(given.time)).plus(given))
-        return []
+        return [] if self._window.place(given.time, given) else [Event(EventKind.DUPLICATE, given.time)]
 
     def _restarted(self, time: float) -> list[Event]:
         """Forget everything but the numbers given so far."""

@@ -45,7 +45,7 @@ class UnknownTrackError(PalletLocError):
 
 
 def check_time(time: float) -> None:
-    """Raise an `BadInputError` where a time is not a finite number, or too large to tell milliseconds apart."""
+    """Raise a `BadInputError` where a time is not a finite number, or too large to resolve milliseconds."""
     if not abs(time) <= LARGEST_TIME:
         raise BadInputError("time", time, f"expected a finite number of seconds, up to {LARGEST_TIME:g}")
 
@@ -97,19 +97,19 @@ def covariance_faults(given: FloatArray) -> list[str]:
     even = (covariances + mirrored) / 2
     correlations, eigenvalues = np.linalg.eigvalsh([even / (scale[:, :, None] * scale[:, None]), even])
     positive &= correlations[:, 0] >= LEAST_CORRELATION
-    alike: BoolArray = eigenvalues[:, 0] >= LEAST_RATIO * eigenvalues[:, -1]
-    checks = zip(finite.tolist(), symmetric.tolist(), positive.tolist(), alike.tolist(), strict=True)
+    balanced: BoolArray = eigenvalues[:, 0] >= LEAST_RATIO * eigenvalues[:, -1]
+    checks = zip(finite.tolist(), symmetric.tolist(), positive.tolist(), balanced.tolist(), strict=True)
     return [_expected(*passed) for passed in checks]
 
 
-def _expected(finite: bool, symmetric: bool, positive: bool, alike: bool) -> str:
+def _expected(finite: bool, symmetric: bool, positive: bool, balanced: bool) -> str:
     if not finite:
         return f"expected finite numbers, and standard deviations up to {LARGEST_SIGMA:g}"
     if not symmetric:
         return "expected a symmetric matrix"
     if not positive:
         return f"expected a positive definite matrix, and variances from {LEAST_VARIANCE:g} on"
-    return "" if alike else f"expected eigenvalues from {LEAST_RATIO:g} of the largest on"
+    return "" if balanced else f"expected eigenvalues from {LEAST_RATIO:g} of the largest on"
 
 
 def checked_covariance(given: object, size: int, time: float) -> FloatArray:

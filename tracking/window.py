@@ -1,7 +1,7 @@
 """Inputs of the last seconds in the order of their times, and what was believed after each shot.
 
-An input that comes late is put in its place, and every step from there on is done again. The clock says which inputs
-still come in time, by their stamps alone.
+An input that comes late is put in its place, and every step from there on is done again. The clock decides by the
+stamps alone which inputs still come in time.
 """
 
 from __future__ import annotations
@@ -34,15 +34,13 @@ class ShotMeasurements:
     observations: tuple[Observation, ...] = ()
     """In their order."""
 
-    def holds(self, observation: Observation) -> bool:
-        """Tell whether it has an equal observation."""
-        at = bisect_left(self.observations, observation.order, key=_ORDER)
-        return at < len(self.observations) and self.observations[at].order == observation.order
-
-    def plus(self, observation: Observation) -> ShotMeasurements:
-        """Return the shot with one more observation in its place."""
-        at = bisect_left(self.observations, observation.order, key=_ORDER)
-        return ShotMeasurements(self.time, (*self.observations[:at], observation, *self.observations[at:]))
+    def plus(self, observation: Observation) -> ShotMeasurements | None:
+        """Return the shot with one more observation in its place; None where it has an equal one."""
+        known = self.observations
+        at = bisect_left(known, observation.order, key=_ORDER)
+        if at < len(known) and known[at].order == observation.order:
+            return None
+        return ShotMeasurements(self.time, (*known[:at], observation, *known[at:]))
 
 
 class Window:
@@ -74,25 +72,39 @@ class Window:
         """What is believed after the last shot."""
         return self.beliefs[-1] if self.beliefs else self.base
 
-    def shot_at(self, time: float) -> ShotMeasurements | None:
-        """Return the shot of exactly that time."""
-        at = bisect_left(self._times, time)
-        return self.shots[at] if at < len(self.shots) and self._times[at] == time else None
-
     def belief_at(self, time: float) -> Belief:
         """Return what was believed after the last shot up to a time."""
         at = bisect_right(self._times, time)
         return self.beliefs[at - 1] if at else self.base
 
-    def place(self, shot: ShotMeasurements) -> None:
-        """Take a shot in its place, or in place of one of the same time; its step is not done yet."""
-        at = bisect_left(self._times, shot.time)
-        if at < len(self.shots) and self._times[at] == shot.time:
+    def place(self, time: float, observation: Observation | None = None) -> bool:
+        """Take a shot in its place, or one more observation of it; the steps from there on are not done yet.
+
+        Parameters
+        ----------
+        time : float
+            Of the shot, in seconds.
+        observation : Observation, optional
+            Of the shot.
+
+        Returns
+        -------
+        bool
+            Whether it is new.
+        """
+        at = bisect_left(self._times, time)
+        known = at < len(self._times) and self._times[at] == time
+        before = self.shots[at] if known else ShotMeasurements(time)
+        shot = before if observation is None else before.plus(observation)
+        if shot is None or (known and shot is before):
+            return False
+        if known:
             self.shots[at] = shot
         else:
             self.shots.insert(at, shot)
-            self._times.insert(at, shot.time)
+            self._times.insert(at, time)
         del self.beliefs[at:]
+        return True
 
     def run(self, since: float = math.inf) -> int:
         """Do the steps of all shots that have not been done, or in which something has changed.

@@ -98,7 +98,7 @@ def detect_markers(camera: CameraModel, image: Image, dictionary: str, scale: fl
         if ids is not None:
             found = zip(np.ravel(ids), corners, strict=True)
             seen.extend(Marker(int(i), patch.directions(np.reshape(c, (4, 2)))) for i, c in found)
-    return merge_markers(seen)
+    return _merge_markers(seen)
 
 
 def _detector(dictionary: str) -> cv2.aruco.ArucoDetector:
@@ -109,19 +109,8 @@ def _detector(dictionary: str) -> cv2.aruco.ArucoDetector:
     return cv2.aruco.ArucoDetector(marker_dictionary(dictionary), parameters)
 
 
-def merge_markers(seen: Iterable[Marker]) -> list[Marker]:
-    """Return the markers with those together that several patches show at the same place.
-
-    Parameters
-    ----------
-    seen : iterable of Marker
-        From overlapping patches.
-
-    Returns
-    -------
-    list of Marker
-        With the median of their corners; the same number elsewhere stays a marker of its own.
-    """
+def _merge_markers(seen: Iterable[Marker]) -> list[Marker]:
+    """Return the markers, each place once: with the median of what several patches show of it."""
     groups: list[list[Marker]] = []
     for marker in seen:
         for group in groups:

@@ -23,6 +23,7 @@ from palletloc.io.truth import TruePallet, Truth, write_truth
 from palletloc.measurement import PalletMeasurement, YawSource
 from palletloc.recording_run import Job
 from palletloc.track_status import Status
+from tracking.cli import _picture
 from tracking.config import TrackerConfig, read_tracker_config
 from tracking.files import read_events
 
@@ -54,7 +55,15 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         image = np.full((32, 64, 3), 100 + number, np.uint8)
         Path(f"approach/images/{number}.png").write_bytes(cv2.imencode(".png", image)[1].tobytes())
     write_measurements(Path("m.csv"), [seen(0.5 * number) for number in range(4)])
+    # drawing takes longer than all the rest
+    monkeypatch.setattr("tracking.cli._picture", lambda run, truth: f"{len(run.rows)} {truth}".encode())
     return tmp_path
+
+
+@pytest.fixture
+def drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Draw the picture of a run after all."""
+    monkeypatch.setattr("tracking.cli._picture", _picture)
 
 
 def seen(time: float, model: str = "t11-plastic") -> PalletMeasurement:
@@ -121,7 +130,7 @@ def test_images_become_tracks_with_all_files_of_localize(capsys: pytest.CaptureF
     assert capsys.readouterr().err == ""
 
 
-@pytest.mark.usefixtures("here")
+@pytest.mark.usefixtures("here", "drawn")
 def test_nothing_found_gives_tables_without_rows_and_a_picture() -> None:
     assert track("--smooth") == 0
     assert sorted(contents()) == sorted([*LOCALIZED, "events.csv", "tracks.csv", "tracks.png", "tracks_smoothed.csv"])
@@ -187,7 +196,7 @@ def test_a_second_run_leaves_nothing_of_the_first() -> None:
     assert sorted(contents()) == sorted(TRACKED)
 
 
-@pytest.mark.usefixtures("here")
+@pytest.mark.usefixtures("here", "drawn")
 def test_truth_goes_into_the_picture_only() -> None:
     assert track("--measurements", "m.csv", "--smooth") == 0
     before = contents()

@@ -114,5 +114,5 @@ def test_what_cannot_be_used_is_named_with_its_time(sample: Odometry, words: str
 
 def test_a_sound_sample_is_kept_as_it_is() -> None:
     sample = Odometry(1.0, HERE, TWIST, 1e-4 * np.eye(3))
-    assert check_odometry(sample).says == sample.says
+    assert check_odometry(sample).contents == sample.contents
     assert check_odometry(Odometry(1.0, HERE)).covariance is None

@@ -15,7 +15,6 @@ from palletloc.io.images import ImageError
 from palletloc.io.recording import read_recording
 from palletloc.localizer import Localizer
 from palletloc.measurement import PalletMeasurement, YawSource
-from palletloc.recording_run import shelf_at
 from palletloc.shelf import ShelfPlane
 from palletloc.shot import Shot
 from tracking.config import MeasurementErrors, TrackerConfig

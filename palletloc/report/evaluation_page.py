@@ -27,9 +27,8 @@ from palletloc.report.evaluation_sections import (
     survey_parts,
 )
 from palletloc.report.page import Column, embedded, folded, heading, key_figures, page, paragraph, picture, table
-from palletloc.report.shot_stages import ShotStages
 from palletloc.report.source_style import QUANTITIES, STYLES
-from palletloc.report.worst_shots import WorstShot, worst_shots
+from palletloc.report.worst_shots import ShotStages, WorstShot, worst_shots
 
 REPORT = "report.html"
 """Name of the file."""

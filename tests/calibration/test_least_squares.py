@@ -12,9 +12,9 @@ from calibration.least_squares import (
     MEDIAN_LENGTH,
     descend,
     descend_damped,
+    error_factor,
     inverse_normal,
     redundancies,
-    told_factor,
     within_gate,
 )
 from palletloc.geometry import FloatArray
@@ -90,5 +90,5 @@ def test_the_gate_passes_what_is_normal_whatever_its_scale() -> None:
 
 @pytest.mark.parametrize(("square", "factor"), [(20.0, 1.0), (35.0, 1.0), (80.0, 2.0)])
 def test_stated_errors_are_believed_unless_the_residuals_contradict_them(square: float, factor: float) -> None:
-    assert told_factor(square, 20.0) == factor
-    assert told_factor(square, 0.5) == 1.0
+    assert error_factor(square, 20.0) == factor
+    assert error_factor(square, 0.5) == 1.0

@@ -166,7 +166,7 @@ def within_gate(residuals: FloatArray) -> BoolArray:
     return np.asarray(length < _GATE * max(1.0, float(np.median(length)) / MEDIAN_LENGTH))
 
 
-def told_factor(square: float, redundancy: float) -> float:
+def error_factor(square: float, redundancy: float) -> float:
     """Return the factor on stated standard deviations that residuals tell; one unless they contradict them.
 
     Parameters

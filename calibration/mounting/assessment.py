@@ -168,7 +168,7 @@ def assess_mounting(
     """
     faults = [*(() if frame is None else frame.findings), *size_faults(problem.surveys)]
     fault = layout_fault(problem.surveys, problem.observations)
-    if fault is not None or any(fault.code == "units" for fault in faults):
+    if fault is not None or any(finding.code == "units" for finding in faults):
         return MountingAssessment((*faults, *([fault] if fault else [])))
     consensus = agree(problem)
     if consensus is None:

@@ -157,9 +157,9 @@ def find_target(camera: CameraModel, markers: Sequence[Marker], target: Target, 
     best, rest = None, list[Marker]()
     for pattern in patterns(target):
         mine = [marker for marker in markers if marker.id in pattern.marker_ids]
-        sighting, inliers = _fit(camera, pattern, mine)
-        if sighting is not None and (best is None or sighting.markers > best.markers):
-            best, rest = sighting, [m for m, inlier in zip(mine, inliers, strict=True) if not inlier]
+        detected, inliers = _fit(camera, pattern, mine)
+        if detected is not None and (best is None or detected.markers > best.markers):
+            best, rest = detected, [m for m, inlier in zip(mine, inliers, strict=True) if not inlier]
     if best is None:
         return None
     _refuse_second(camera, best.pattern, rest, name)
@@ -179,7 +179,7 @@ def _refuse_second(camera: CameraModel, pattern: PrintedPattern, rest: Sequence[
 def _fit(
     camera: CameraModel, pattern: PrintedPattern, markers: Sequence[Marker]
 ) -> tuple[DetectedTarget | None, BoolArray]:
-    """Return the sighting that most markers agree on, and which they are."""
+    """Return the detected target that most markers agree on, and which they are."""
     none = np.zeros(len(markers), dtype=np.bool_)
     least = min(_MIN_MARKERS, len(pattern.marker_ids))
     if len(markers) < least:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from scipy.special import gammaincc
 
-from palletloc.geometry import FloatArray, LevelPose, wrap_angle
+from palletloc.geometry import FloatArray, LevelPose
 from palletloc.survey.bodies import SurveyedBody, rejected_text, surveyed_bodies
 from palletloc.survey.faults import check_distances, distance_limit
 from palletloc.survey.plan import SurveyPlan, read_survey_plan
@@ -76,9 +76,7 @@ class TruePose:
 
     def error(self, pose: LevelPose) -> FloatArray:
         """Return a pose minus the true one: (4,) of x, y, z and yaw, the yaw in [-pi, pi)."""
-        error = pose.as_array() - self.forklift_from_pallet.as_array()
-        error[3] = wrap_angle(float(error[3]))
-        return error
+        return pose.minus(self.forklift_from_pallet)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

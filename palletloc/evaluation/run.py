@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from palletloc.evaluation.breakdown import by_stop
+from palletloc.evaluation.breakdown import StopAccuracy, by_stop, stop_accuracy
 from palletloc.evaluation.comparison import RunComparison, compare_runs
-from palletloc.evaluation.iso9283 import StopAccuracy, stop_accuracy
 from palletloc.evaluation.pose_error import (
     EvaluationError,
     PalletEstimate,
@@ -59,7 +58,7 @@ _FORKLIFT = LevelPose(0.0, 0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunFiles:
-    """What a run says of a recording."""
+    """The estimates of a run over a recording."""
 
     name: str
     """What it is called in results."""

@@ -259,18 +259,17 @@ def _contradicted(track: Track, observation: Observation, time: float, model: Up
     if not observation.is_whole or track.seen == time:
         return track, False
     contradiction, life = _contradiction(track.contradiction, observation, model), model.config.life
-    if contradiction.hits < life.recovery_hits:
+    state, hits = contradiction.state, contradiction.hits
+    if hits < life.recovery_hits:
         return replace(track, contradiction=contradiction), False
-    confirmed = track.confirmed or contradiction.hits >= life.confirm_hits
-    return Track(
-        track.key, contradiction.model, contradiction.state, time, contradiction.hits, confirmed=confirmed
-    ), True
+    confirmed = track.confirmed or hits >= life.confirm_hits
+    return Track(track.key, contradiction.model, state, time, hits, confirmed=confirmed), True
 
 
 def _contradiction(
     contradiction: Contradiction | None, observation: Observation, model: UpdateModel
 ) -> Contradiction:
-    """Return a contradiction after one more rejected measurement; it begins anew where that does not agree with it."""
+    """Return a contradiction after one more rejected measurement, or a new one where that does not agree with it."""
     group_filter = model.filter
     if contradiction is not None and contradiction.model == observation.model:
         limit = chi_square_limit(model.config.gate.probability, len(ALL))

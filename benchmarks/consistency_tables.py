@@ -64,7 +64,7 @@ def class_table(method: Method, shots: Sequence[ShotViews], span: str) -> Sectio
 
 def _class_row(height: HeightClass, full: bool, shots: Sequence[ShotViews]) -> tuple[Value, ...]:
     views = [view for shot in shots for view in shot.views if view.height is height]
-    false = sum(one is height for shot in shots for one in shot.false)
+    false = sum(found is height for shot in shots for found in shot.false)
     if not views and not false:
         return ()
     errors = _errors(views)
@@ -103,7 +103,7 @@ FACTORS: dict[str, Callable[[View], str]] = {
 
 
 def _tolerance(view: View) -> float:
-    return next(one.tolerance for one in view.scene.spec.aisle.models if one.name == view.face.model)
+    return next(model.tolerance for model in view.scene.spec.aisle.models if model.name == view.face.model)
 
 
 def _mounting(rotation_sigma: float) -> str:

@@ -55,9 +55,9 @@ def measure_evaluation(recording: Path, rounds: int) -> list[Section]:
 
 def _rows(pairs: Sequence[tuple[tuple[float, float], tuple[float, float]]]) -> Iterator[tuple[Value, ...]]:
     for number, what in enumerate(("start and end included", "first to last result")):
-        chosen = [(one[number], two[number]) for one, two in pairs]
+        chosen = [(alone[number], shared[number]) for alone, shared in pairs]
         times = [median(some) for some in zip(*chosen, strict=True)]
-        ratio = median(two / one for one, two in chosen)
+        ratio = median(shared / alone for alone, shared in chosen)
         yield (f"{RECORDINGS} recordings, one worker, {what}", times[0], "s", 1.0, None)
         yield (f"{RECORDINGS} recordings, two workers, {what}", times[1], "s", ratio, GOAL)
 

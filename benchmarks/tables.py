@@ -63,7 +63,7 @@ def _plain(value: Value) -> Value:
 
 def _text(value: Value, digits: int) -> str:
     if isinstance(value, tuple):
-        return " / ".join(_text(one, digits) for one in value)
+        return " / ".join(_text(number, digits) for number in value)
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "-"
     return f"{value:.{digits}f}" if isinstance(value, float) else str(value)

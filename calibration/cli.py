@@ -14,7 +14,7 @@ from rich.text import Text
 from palletloc.errors import PalletLocError
 
 if TYPE_CHECKING:
-    from calibration.sections import ResultPage
+    from calibration.result_page import ResultPage
 
 app = typer.Typer(no_args_is_help=True, help="Calibrate the camera's mounting, lenses and shelf plane; make targets.")
 
@@ -31,10 +31,11 @@ def extrinsics(
     ] = None,
 ) -> None:
     """Find the camera's pose on the forklift from surveyed targets; or check it by a drive past targets."""
-    from calibration import calibrate_motion, calibrate_mounting  # numpy, cv2 and matplotlib take a second
+    from calibration.motion.assessment import calibrate_motion  # numpy, cv2 and matplotlib take a second
     from calibration.motion.report import motion_page
+    from calibration.mounting.assessment import calibrate_mounting
     from calibration.mounting.report import mounting_page
-    from calibration.outcome import write_result
+    from calibration.result_page import write_result
 
     _expect(out, ".yaml", ".yml")
     with _progress() as told:
@@ -57,9 +58,9 @@ def plan(
     ] = None,
 ) -> None:
     """Predict how well planned targets will give the camera's pose, before anything is hung or driven."""
-    from calibration import plan_targets
-    from calibration.outcome import write_result
+    from calibration.plan.assessment import plan_targets
     from calibration.plan.report import plan_page
+    from calibration.result_page import write_result
 
     if out is not None:
         _expect(out, ".html")
@@ -83,8 +84,8 @@ def shelf(
     tag_offset: Annotated[float, typer.Option(help="How far their faces lie before the front, in metres.")] = 0.0,
 ) -> None:
     """Find the front plane of a shelf from a recording; by default around the plane that it states."""
-    from calibration import calibrate_shelf
-    from calibration.outcome import write_result
+    from calibration.result_page import write_result
+    from calibration.shelf.assessment import calibrate_shelf
     from calibration.shelf.report import shelf_page
     from calibration.shelf.survey import Front
     from calibration.shelf.upright_tags import TagsOnUprights
@@ -115,9 +116,9 @@ def check(
     ] = 0.15,
 ) -> None:
     """Check whether the camera still sits on the forklift as a recording says."""
-    from calibration import check_mounting
+    from calibration.check.assessment import check_mounting
     from calibration.check.report import check_page
-    from calibration.outcome import write_report
+    from calibration.result_page import write_report
 
     if out is not None:
         _expect(out, ".html")
@@ -191,9 +192,9 @@ def intrinsics(
     ] = "kannala_brandt",
 ) -> None:
     """Find the parameters of a lens, or of two, from shots of boards."""
-    from calibration import calibrate_lenses
+    from calibration.intrinsics.fit import calibrate_lenses
     from calibration.intrinsics.report import lenses_page
-    from calibration.outcome import write_result
+    from calibration.result_page import write_result
 
     _expect(out, ".yaml", ".yml")
     with _progress() as told:
@@ -216,7 +217,7 @@ def convert(
     """Convert a camera file to the form of another program, or to another lens model."""
     from math import degrees, radians
 
-    from calibration import convert_camera
+    from calibration.formats.convert import convert_camera
 
     done = convert_camera(source, to, out, camera, radians(max_angle_deg))
     console = Console()

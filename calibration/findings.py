@@ -25,7 +25,7 @@ class Severity(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One of them."""
+    """What a calibration has to say about its result or its input, and what follows from it."""
 
     severity: Severity
     """What follows."""

@@ -17,7 +17,7 @@ from scipy.stats import chi2
 
 from palletloc.geometry import BoolArray, FloatArray
 
-SOFT = 2.0
+_SOFT = 2.0
 """Residuals well beyond this many standard deviations count by their size instead of their square (soft l1)."""
 MEDIAN_LENGTH = 1.1774
 """Median length of two unit normal numbers: sqrt(2 ln 2)."""
@@ -31,33 +31,33 @@ _FACTOR = 10.0
 """By which the damping rises after a step that does not help, and falls after one that does: Marquardt's own."""
 
 
-class Movable(Protocol):
+class _Movable(Protocol):
     """Values of unknowns that can be moved."""
 
     def moved(self, step: FloatArray) -> Self:
         """Return the values after a step."""
 
 
-State = TypeVar("State", bound=Movable)
-Unknowns = TypeVar("Unknowns")
+_State = TypeVar("_State", bound=_Movable)
+_Unknowns = TypeVar("_Unknowns")
 
 
 def descend(
-    residuals: Callable[[State], FloatArray],
-    start: State,
+    residuals: Callable[[_State], FloatArray],
+    start: _State,
     scale: FloatArray,
     loss: Literal["linear", "soft_l1"],
-    derivatives: Callable[[State, FloatArray], FloatArray] | None = None,
+    derivatives: Callable[[_State, FloatArray], FloatArray] | None = None,
     evaluations: int = 40,
     tolerance: float = 1e-8,
-) -> State:
+) -> _State:
     """Return the values with the least sum of losses, from a start near it.
 
     Parameters
     ----------
     residuals : callable
         Returns the residuals of values, (m,).
-    start : State
+    start : _State
         Where to begin.
     scale : (n,) array
         A small step of each unknown.
@@ -80,7 +80,7 @@ def descend(
         at,
         np.zeros(len(scale)),
         loss=loss,
-        f_scale=SOFT,
+        f_scale=_SOFT,
         x_scale=scale,
         max_nfev=evaluations,
         xtol=tolerance,
@@ -95,13 +95,13 @@ def descend(
 
 
 def descend_damped(
-    start: Unknowns,
-    cost: Callable[[Unknowns], float],
-    step: Callable[[Unknowns], Callable[[float], Unknowns | None]],
+    start: _Unknowns,
+    cost: Callable[[_Unknowns], float],
+    step: Callable[[_Unknowns], Callable[[float], _Unknowns | None]],
     damping: float,
     steps: int,
     settled: float,
-) -> Unknowns:
+) -> _Unknowns:
     """Return the unknowns with the least cost, from a start near it.
 
     Parameters
@@ -166,7 +166,7 @@ def within_gate(residuals: FloatArray) -> BoolArray:
     return np.asarray(length < _GATE * max(1.0, float(np.median(length)) / MEDIAN_LENGTH))
 
 
-def told_factor(square: float, redundancy: float) -> float:
+def error_factor(square: float, redundancy: float) -> float:
     """Return the factor on stated standard deviations that residuals tell; one unless they contradict them.
 
     Parameters

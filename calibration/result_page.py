@@ -1,35 +1,155 @@
-"""A result in its outputs: terminal, HTML and JSON."""
+"""A result said once, as sections, and its outputs: terminal, HTML and JSON, and their files.
+
+A section is a value: findings, a table, a figure, numbers. A calibration's report lists them; how each output shows
+them is said here alone.
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from enum import Flag, auto
+from pathlib import Path
 from typing import Any
 
 import rich.table
+from matplotlib.figure import Figure
 from rich import box
 from rich.console import RenderableType
 from rich.text import Text
 
-from calibration.findings import Finding, Severity
-from calibration.sections import (
-    Drawing,
-    Findings,
-    Heading,
-    JsonValues,
-    KeyFigures,
-    Output,
-    Paragraph,
-    ResultPage,
-    Section,
-    Table,
-    words,
-)
+from calibration.findings import PASS, Finding, Severity, exit_code
 from palletloc.drawing.canvas import small_png
+from palletloc.io.atomic import write_text
 from palletloc.report import page as html
+from palletloc.report.page import Column
 
-FORMAT = 1
+_FORMAT = 1
 """Version of the reports in JSON. Programs read it; it changes when a key changes its meaning."""
+
+
+class Output(Flag):
+    """Where a section is shown. The order of the sections is the same everywhere."""
+
+    TERMINAL = auto()
+    """What the command prints."""
+    PAGE = auto()
+    """The report in HTML."""
+
+
+@dataclass(frozen=True, slots=True)
+class Heading:
+    """A heading on the page."""
+
+    text: str
+    """Plain text."""
+
+
+@dataclass(frozen=True, slots=True)
+class Paragraph:
+    """A few sentences."""
+
+    text: str
+    """Plain text."""
+    output: Output = Output.PAGE
+    """Where they are shown."""
+
+
+@dataclass(frozen=True, slots=True)
+class KeyFigures:
+    """The numbers that matter, in large type on the page."""
+
+    figures: tuple[tuple[str, str], ...]
+    """Value and meaning of each."""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Rows of cells."""
+
+    columns: tuple[Column, ...]
+    """Their headings; words stand at the left, numbers at the right."""
+    rows: tuple[tuple[str, ...], ...]
+    """Their cells."""
+    output: Output = Output.PAGE
+    """Where it is shown."""
+    total: tuple[str, ...] = ()
+    """A last row of the terminal, below a line; none by default."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drawing:
+    """A picture on the page. It is drawn only where a page is written."""
+
+    draw: Callable[[], Figure]
+    """Draws it."""
+    caption: str
+    """Plain text below it."""
+    keep_wide: bool = True
+    """Whether a narrow screen scrolls it instead of making its texts unreadable."""
+
+
+@dataclass(frozen=True, slots=True)
+class Findings:
+    """What has to be done next: a table on the page, ``reasons`` in JSON, one line each on standard error."""
+
+    findings: tuple[Finding, ...]
+    """In the order in which they were made."""
+    nothing: str
+    """What the page says where there are none."""
+    remarks: tuple[str, ...] = ()
+    """More lines for standard error, about what the page says in another section."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JsonValues:
+    """Plain values for JSON, which people do not read."""
+
+    values: Mapping[str, Any]
+    """Their keys stand at the top level of the file."""
+
+
+Section = Heading | Paragraph | KeyFigures | Table | Drawing | Findings | JsonValues
+"""A part of a result."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ResultPage:
+    """A result as every output shows it."""
+
+    command: str
+    """The title of the page: the command that made it."""
+    heading: str
+    """What the page is about."""
+    verdicts: Mapping[int, str]
+    """What each exit code means, in a sentence."""
+    sections: tuple[Section, ...]
+    """In the order in which they are shown."""
+    content: str | None = None
+    """Of the file that the calibration writes; None where it gives none."""
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """All findings, in the order in which they were made."""
+        return tuple(
+            finding for section in self.sections if isinstance(section, Findings) for finding in section.findings
+        )
+
+    @property
+    def exit_code(self) -> int:
+        """0 where the result holds, 1 where it fails, 3 where the data cannot give one."""
+        return exit_code(self.findings)
+
+
+def words(*headings: str) -> tuple[Column, ...]:
+    """Return columns whose cells are words, which stand at the left."""
+    return tuple(Column(heading, is_text=True) for heading in headings)
+
+
+def numbers(*headings: str) -> tuple[Column, ...]:
+    """Return columns whose cells are numbers, which stand at the right."""
+    return tuple(Column(heading) for heading in headings)
 
 
 def terminal_parts(result: ResultPage) -> tuple[RenderableType, ...]:
@@ -91,7 +211,7 @@ def json_text(result: ResultPage) -> str:
     result : ResultPage
         The result.
     """
-    data: dict[str, Any] = {"format": FORMAT, "exit_code": result.exit_code}
+    data: dict[str, Any] = {"format": _FORMAT, "exit_code": result.exit_code}
     for section in result.sections:
         if isinstance(section, Findings):
             data["reasons"] = [_finding_data(finding) for finding in section.findings]
@@ -144,3 +264,70 @@ def _findings_on_page(section: Findings) -> str:
     for finding in sorted(section.findings, key=lambda finding: order.index(finding.severity)):
         rows += [[str(finding.severity), finding.code, finding.what], ["", "", f"do: {finding.how}"]]
     return html.table(words("", "code", "what, and what to do"), rows)
+
+
+def write_result(result: ResultPage, out: Path) -> tuple[Path, ...]:
+    """Write the file that a calibration gives, and its report beside it.
+
+    A result that fails writes its report only, under a name that does not exist yet: what an earlier run gave stays.
+
+    Parameters
+    ----------
+    result : ResultPage
+        The result.
+    out : Path
+        The file to write; the report gets its name with other endings.
+
+    Returns
+    -------
+    tuple of Path
+        What was written.
+
+    Raises
+    ------
+    OutputError
+        If a file cannot be written.
+    """
+    passed = result.exit_code == PASS
+    stem = out.with_suffix("") if passed else _free_stem(out)
+    report = write_report(result, stem.with_name(stem.name + ".html"))
+    if not passed or result.content is None:
+        return report
+    write_text(out, result.content)
+    return out, *report
+
+
+def write_report(result: ResultPage, page: Path) -> tuple[Path, Path]:
+    """Write the report of a result as HTML, and the same as JSON beside it.
+
+    Parameters
+    ----------
+    result : ResultPage
+        The result.
+    page : Path
+        The file for the HTML.
+
+    Returns
+    -------
+    page, numbers : Path
+        The files.
+
+    Raises
+    ------
+    OutputError
+        If a file cannot be written.
+    """
+    numbers, text = page.with_suffix(".json"), json_text(result)
+    write_text(page, html_text(result))
+    write_text(numbers, text)
+    return page, numbers
+
+
+def _free_stem(out: Path) -> Path:
+    """Return a name without an ending, beside a file, under which there is no report yet."""
+    stem = out.with_suffix("")
+    for number in range(1, 10_000):
+        free = stem.with_name(f"{stem.name}.failed" + (f"-{number}" if number > 1 else ""))
+        if not any(free.with_name(free.name + end).exists() for end in (".html", ".json")):
+            return free
+    return stem.with_name(f"{stem.name}.failed")

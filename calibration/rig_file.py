@@ -12,7 +12,7 @@ from palletloc.io.yaml_document import Document, format_document
 from palletloc.mounting import Mounting
 
 
-class RigSpec(Document):
+class _RigSpec(Document):
     """The file rig.yaml."""
 
     format: Literal[1]
@@ -35,7 +35,7 @@ def rig_text(camera: CameraSpec, mounting: Mounting) -> str:
     roll, pitch, yaw = (round(angle, 5) for angle in angles)
     sx, sy, sz = (_two_digits(value) for value in mounting.translation_sigma)
     sroll, spitch, syaw = (_two_digits(degrees(value)) for value in mounting.rotation_sigma)
-    spec = RigSpec(
+    spec = _RigSpec(
         format=1,
         camera=camera,
         forklift_from_camera=MountingSpec(

@@ -1,4 +1,4 @@
-"""Public names of a package that are imported at first use: its stub alone says which there are, and from where."""
+"""Public names of a package, imported at first use; its `__init__` says once which there are, and from where."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from functools import cache
 from pathlib import Path
 
 
-def names_of_stub(package: str, stub: Path) -> Callable[[str], object]:
+def late_names(package: str, source: str) -> Callable[[str], object]:
     """Return what looks a package's public names up: its module-level ``__getattr__``.
 
     Parameters
     ----------
     package : str
         Its name.
-    stub : Path
-        Its ``__init__.pyi``, with a line ``from package.module import Name as Name`` for each of the names. A type
-        checker reads the same file in place of the package.
+    source : str
+        Its file ``__init__.py``, with a line ``from package.module import Name as Name`` for each of the names below
+        ``if TYPE_CHECKING:``, where a type checker reads them and Python does not.
 
     Returns
     -------
@@ -27,8 +27,8 @@ def names_of_stub(package: str, stub: Path) -> Callable[[str], object]:
 
     @cache
     def homes() -> dict[str, str]:
-        lines = (line.split() for line in stub.read_text(encoding="utf-8").splitlines())
-        return {words[-1]: words[1] for words in lines if words[:1] == ["from"] and words[-2] == "as"}
+        lines = (line.split() for line in Path(source).read_text(encoding="utf-8").splitlines())
+        return {words[5]: words[1] for words in lines if len(words) == 6 and words[0] == "from" and words[4] == "as"}
 
     def look_up(name: str) -> object:
         if name == "__all__":

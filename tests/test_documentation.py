@@ -5,10 +5,15 @@ from __future__ import annotations
 import re
 from dataclasses import fields, is_dataclass
 from pathlib import Path
+from types import ModuleType
 
+import pytest
 import typer
 import yaml
 
+import calibration
+import palletloc
+import tracking
 from palletloc.__main__ import COMMANDS
 from palletloc.choices import Method
 from palletloc.cli.app import Command
@@ -23,6 +28,7 @@ from tracking.files import EVENT_COLUMNS
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 REFUSALS = (DOCS / "refusals.md").read_text(encoding="utf-8")
+API = (DOCS / "api.md").read_text(encoding="utf-8")
 CLI = (DOCS / "cli.md").read_text(encoding="utf-8")
 SECTIONS = {field.name for field in fields(LocalizerConfig)}
 
@@ -115,3 +121,10 @@ def test_every_event_is_explained() -> None:
     _, rows = section.split("| `event` | means |")
     explained = [cell for row in rows.splitlines() for cell in re.findall(r"`(\w+)`", row.rpartition(" | ")[0])]
     assert sorted(explained) == sorted(EventKind)
+
+
+@pytest.mark.parametrize("package", [palletloc, tracking, calibration], ids=lambda package: package.__name__)
+def test_every_public_name_is_listed_with_the_first_line_of_its_docstring(package: ModuleType) -> None:
+    first = {name: " ".join(str(getattr(package, name).__doc__).split("\n\n")[0].split()) for name in package.__all__}
+    (section,) = (text for title, text in sections(API, "##").items() if f"`{package.__name__}`" in title)
+    assert dict(re.findall(r"^\| `(\w+)` \| (.+) \|$", section, re.MULTILINE)) == first

@@ -13,7 +13,7 @@ from calibration.check.assessment import CheckAssessment
 from calibration.check.mounting import MountingCheck
 from calibration.check.tilt_sources import NamedTilt
 from calibration.report_figure import titled_figure, wide_axes
-from calibration.sections import (
+from calibration.result_page import (
     Drawing,
     Findings,
     Heading,

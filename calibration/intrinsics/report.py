@@ -24,7 +24,7 @@ from calibration.intrinsics.fit import STITCHED, LensCalibration, StitchedCalibr
 from calibration.intrinsics.result import FittedCamera
 from calibration.intrinsics.stitched import StitchedFit
 from calibration.lenses.fit import LensFit
-from calibration.sections import (
+from calibration.result_page import (
     Drawing,
     Findings,
     Heading,

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from scipy.spatial.transform import RigidTransform
 
 from calibration.lenses.problem import BoardView
 from palletloc.errors import PalletLocError
+
+_Placed = tuple[str, int]
+"""What has a place: a lens, a shot or a board, by its number."""
 
 
 class UnlinkedError(PalletLocError):
@@ -45,39 +48,35 @@ def link(views: Sequence[BoardView], poses: Sequence[RigidTransform], lenses: in
         If some of them have nothing in common with the rest.
     """
     count = max(view.shot for view in views) + 1
-    lens: list[RigidTransform | None] = [RigidTransform.identity(), *[None] * (lenses - 1)]
-    shot: list[RigidTransform | None] = [None] * count
-    board: list[RigidTransform | None] = [RigidTransform.identity(), *[None] * (boards - 1)]
+    known: dict[_Placed, RigidTransform] = {
+        ("lens", 0): RigidTransform.identity(),
+        ("board", 0): RigidTransform.identity(),
+    }
     for _ in range(count + lenses + boards):
-        followed = [_follow(view, pose, lens, shot, board) for view, pose in zip(views, poses, strict=True)]
-        if not any(followed):
+        before = len(known)
+        for view, pose in zip(views, poses, strict=True):
+            known |= _followed(view, pose, known)
+        if len(known) == before:
             break
-    if None in lens:
+    sizes = (("lens", lenses), ("shot", count), ("board", boards))
+    stacks = [[known.get((kind, i)) for i in range(size)] for kind, size in sizes]
+    if None in stacks[0]:
         raise UnlinkedError("no shot shows one board through both lenses, nor boards that stand still")
-    if None in shot or None in board:
+    if None in stacks[1] or None in stacks[2]:
         raise UnlinkedError("some boards are never seen together with the others, so their places are open")
-    return Linked(_stacked(lens), _stacked(shot), _stacked(board))
+    return Linked(*(RigidTransform.concatenate([pose for pose in stack if pose is not None]) for stack in stacks))
 
 
-def _stacked(poses: Sequence[RigidTransform | None]) -> RigidTransform:
-    return RigidTransform.concatenate([pose for pose in poses if pose is not None])
-
-
-def _follow(
-    view: BoardView,
-    pose: RigidTransform,
-    lenses: list[RigidTransform | None],
-    shots: list[RigidTransform | None],
-    boards: list[RigidTransform | None],
-) -> bool:
-    """Fill in the one pose of three that a view's own pose gives; return whether there was such a one."""
-    match lenses[view.lens], shots[view.shot], boards[view.board]:
+def _followed(
+    view: BoardView, pose: RigidTransform, known: Mapping[_Placed, RigidTransform]
+) -> dict[_Placed, RigidTransform]:
+    """Return the one pose of three that a view's own pose gives, where the other two are known."""
+    places: tuple[_Placed, _Placed, _Placed] = (("lens", view.lens), ("shot", view.shot), ("board", view.board))
+    match tuple(known.get(place) for place in places):
         case (RigidTransform() as lens, None, RigidTransform() as board):
-            shots[view.shot] = lens * pose * board.inv()
+            return {places[1]: lens * pose * board.inv()}
         case (None, RigidTransform() as shot, RigidTransform() as board):
-            lenses[view.lens] = shot * board * pose.inv()
+            return {places[0]: shot * board * pose.inv()}
         case (RigidTransform() as lens, RigidTransform() as shot, None):
-            boards[view.board] = shot.inv() * lens * pose
-        case _:
-            return False
-    return True
+            return {places[2]: shot.inv() * lens * pose}
+    return {}

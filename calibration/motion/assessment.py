@@ -21,7 +21,7 @@ from palletloc.cameras.protocol import CameraModel
 from palletloc.geometry import FloatArray
 from palletloc.mounting import Mounting
 
-LEAST_SHOTS = 5
+_LEAST_SHOTS = 5
 """With fewer shots that show a target nothing is fitted."""
 _CHANCE = 0.001
 """The drive contradicts the stated mounting where chance leaves such a difference to fewer cases."""
@@ -76,13 +76,13 @@ class MotionResult:
         return Mounting(fit.state.camera, (x, y, z), (roll, pitch, yaw))
 
 
-def calibrate_motion(recording: Path, on_progress: Callable[[str], None] = lambda _: None) -> MotionResult:
+def calibrate_motion(folder: Path, on_progress: Callable[[str], None] = lambda _: None) -> MotionResult:
     """Check the mounting that a recording states by a drive past targets, as far as such a drive can tell.
 
     Parameters
     ----------
-    recording : Path
-        Its folder, with targets.yaml.
+    folder : Path
+        The recording, with targets.yaml.
     on_progress : callable
         Is told what is done next.
 
@@ -96,7 +96,7 @@ def calibrate_motion(recording: Path, on_progress: Callable[[str], None] = lambd
     PalletLocError
         If a file is missing or wrong, or a target is there twice.
     """
-    task = read_motion_task(recording)
+    task = read_motion_task(folder)
     observations = _observed(task, on_progress)
     on_progress("fitting")
     if not observations:
@@ -148,9 +148,9 @@ def assess_motion(problem: MotionProblem, stated_sigma: FloatArray) -> MotionAss
     stated_sigma : (6,) array
         Standard deviations of the stated mounting, in metres and radians.
     """
-    how = f"drive so that {LEAST_SHOTS} shots and more show a target, from 1 to 4 m"
-    if len(set(problem.shot_of)) < LEAST_SHOTS:
-        what = f"only {len(set(problem.shot_of))} shots show a target, expected at least {LEAST_SHOTS}"
+    how = f"drive so that {_LEAST_SHOTS} shots and more show a target, from 1 to 4 m"
+    if len(set(problem.shot_of)) < _LEAST_SHOTS:
+        what = f"only {len(set(problem.shot_of))} shots show a target, expected at least {_LEAST_SHOTS}"
         return MotionAssessment((Finding(Severity.DEGENERATE, "few_sights", what, how),))
     start = start_motion(problem)
     if start is None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from calibration.bearings import cross_matrices
 from calibration.degeneracy import LIMITS
-from calibration.least_squares import descend, inverse_normal, redundancies, told_factor, within_gate
+from calibration.least_squares import descend, error_factor, inverse_normal, redundancies, within_gate
 from calibration.motion.problem import CAMERA_PRIOR, DELAY_PRIOR, MotionProblem, MotionState
 from calibration.mounting.fit import LEAST_BEARING_SCALE
 from calibration.mounting.problem import CAMERA
@@ -168,5 +168,5 @@ def _weighed(problem: MotionProblem, state: MotionState, jacobian: FloatArray) -
     return replace(
         problem,
         bearing_scale=max(bearing, LEAST_BEARING_SCALE),
-        drive_scale=told_factor(float(squares[drive].sum()), float(left[drive].sum())),
+        drive_scale=error_factor(float(squares[drive].sum()), float(left[drive].sum())),
     )

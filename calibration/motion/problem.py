@@ -17,7 +17,7 @@ from calibration.targets.observations import CornerObservation
 from palletloc.geometry import FloatArray, wrap_angle
 from palletloc.trajectory import Trajectory
 
-FAULTS = 3
+_FAULTS = 3
 """Faults of the odometry: scale, bias of the yaw rate, time offset."""
 SCALE_PRIOR, DELAY_PRIOR = 0.05, 0.2
 """How far wheel scale and time offset may be off, one standard deviation; relative, and in seconds."""
@@ -118,7 +118,7 @@ class MotionProblem:
     @property
     def size(self) -> int:
         """How many unknowns there are."""
-        return CAMERA * (1 + self.targets) + FAULTS + 3 * (len(self.times) - 1)
+        return CAMERA * (1 + self.targets) + _FAULTS + 3 * (len(self.times) - 1)
 
     @property
     def image_rows(self) -> int:
@@ -201,7 +201,7 @@ class MotionState:
 
     def moved(self, step: FloatArray) -> MotionState:
         """Return the state after a step: camera, faults, poses but the first, targets."""
-        ends = np.cumsum([CAMERA, FAULTS, 3 * (len(self.poses) - 1)])
+        ends = np.cumsum([CAMERA, _FAULTS, 3 * (len(self.poses) - 1)])
         camera, faults, poses, boards = np.split(step, ends)
         by = boards.reshape(-1, CAMERA)
         matrices = self.boards.copy()

@@ -14,8 +14,7 @@ from calibration.drive import compose
 from calibration.motion.assessment import MotionResult
 from calibration.motion.fit import MotionFit
 from calibration.report_figure import HEAD, titled_figure, wide_axes
-from calibration.rig_file import rig_text
-from calibration.sections import (
+from calibration.result_page import (
     Drawing,
     Findings,
     Heading,
@@ -27,6 +26,7 @@ from calibration.sections import (
     numbers,
     words,
 )
+from calibration.rig_file import rig_text
 from palletloc.drawing.canvas import FAINT, GRID, INK, SERIES, add_legend
 from palletloc.geometry import FloatArray
 from palletloc.io.camera_spec import spec_from_camera

@@ -18,13 +18,13 @@ from palletloc.io.recording import Recording, read_recording
 from palletloc.io.schema import Number
 from palletloc.io.yaml_document import Document, DocumentError, read_document
 
-TARGETS = "targets.yaml"
+_TARGETS = "targets.yaml"
 """Name of the file in the recording's folder."""
 _HEIGHT_SIGMA = 0.003
 """Standard deviation of a height where nothing is said, in metres: a tape measure on a warehouse floor."""
 
 
-class MotionTargetSpec(Document):
+class _MotionTargetSpec(Document):
     """One target: `charuco` or `tag`, and how high it hangs."""
 
     charuco: CharucoSpec | None = None
@@ -34,7 +34,7 @@ class MotionTargetSpec(Document):
     height_sigma_m: Positive | None = None
 
 
-class OdometrySpec(Document):
+class _OdometrySpec(Document):
     """Random errors of the odometry after one second, which grow with the root of the time, and of its wheels."""
 
     position_m: Positive | None = None
@@ -43,12 +43,12 @@ class OdometrySpec(Document):
     """Relative, of all distances, as the vehicle's data sheet or a measured way says."""
 
 
-class MotionTargetsSpec(Document):
+class _MotionTargetsSpec(Document):
     """The file."""
 
     format: Literal[1]
-    targets: Annotated[dict[str, MotionTargetSpec], Field(min_length=1)]
-    odometry_sigma: OdometrySpec | None = None
+    targets: Annotated[dict[str, _MotionTargetSpec], Field(min_length=1)]
+    odometry_sigma: _OdometrySpec | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,8 +77,8 @@ def read_motion_task(folder: Path) -> MotionTask:
         If a file is missing or wrong; names file, key and what was expected.
     """
     recording = read_recording(folder)
-    path = require_file(folder / TARGETS, "the boards and tags that the recording drives past")
-    spec = read_document(path, MotionTargetsSpec)
+    path = require_file(folder / _TARGETS, "the boards and tags that the recording drives past")
+    spec = read_document(path, _MotionTargetsSpec)
     targets = {name: target_from_spec(path, name, given.charuco, given.tag) for name, given in spec.targets.items()}
     refuse_shared_ids(path, targets)
     for name, hung in spec.targets.items():
@@ -89,7 +89,7 @@ def read_motion_task(folder: Path) -> MotionTask:
         for name, hung in spec.targets.items()
         if hung.height_m is not None
     }
-    given, usual = spec.odometry_sigma or OdometrySpec(), DriveNoise()
+    given, usual = spec.odometry_sigma or _OdometrySpec(), DriveNoise()
     heading = usual.heading if given.heading_deg is None else float(np.radians(given.heading_deg))
     noise = DriveNoise(position=given.position_m or usual.position, heading=heading)
     return MotionTask(recording, targets, heights, noise, given.wheel_scale or SCALE_PRIOR)

@@ -11,7 +11,7 @@ import numpy as np
 from calibration.degeneracy import unobserved, weakest
 from calibration.findings import PASS, Finding, Severity, exit_code
 from calibration.mounting.checks import LeftOut, axis_fault, layout_fault, leave_each_out, size_faults, survey_test
-from calibration.mounting.consensus import Consensus, Reading, agree
+from calibration.mounting.consensus import Reading, SurveyConsensus, agree
 from calibration.mounting.fit import MountingFit, extra_parameter, fit_mounting, refit
 from calibration.mounting.forklift_frame import ForkliftFrame
 from calibration.mounting.problem import MountingProblem, Poses, SurveyedTarget
@@ -57,7 +57,7 @@ class MountingAssessment:
 
     findings: tuple[Finding, ...]
     """In the order in which they were made."""
-    consensus: Consensus | None = None
+    consensus: SurveyConsensus | None = None
     """Where the fit began."""
     solution: MountingFit | None = None
     """The result; not to be used where the exit code is not 0."""
@@ -134,25 +134,15 @@ def calibrate_mounting(folder: Path, on_progress: Callable[[str], None] = lambda
     seen = {observation.target for observation in observations}
     names = tuple(name for name in task.targets if name in seen)
     on_progress("fitting")
-    assessment = assess_mounting(observed_problem(task, observations, names), task.camera, task.frame)
+    assessment = assess_mounting(_observed_problem(task, observations, names), task.camera, task.frame)
     unseen = tuple(name for name in task.targets if name not in seen)
     return MountingResult(assessment, task.camera_spec, tuple(observations), names, unseen, task.frame)
 
 
-def observed_problem(
+def _observed_problem(
     task: MountingTask, observations: Sequence[TargetObservation], names: Sequence[str]
 ) -> MountingProblem:
-    """Return the equations for what was observed.
-
-    Parameters
-    ----------
-    task : MountingTask
-        With the surveys.
-    observations : sequence of TargetObservation
-        Targets in shots.
-    names : sequence of str
-        Of the targets that are seen, in the order that the problem gets.
-    """
+    """Return the equations for what was observed of the named targets."""
     corners = tuple(observation.numbered(names.index(observation.target)) for observation in observations)
     return MountingProblem(tuple(task.surveys[name] for name in names), corners, (True,) * len(names))
 
@@ -178,7 +168,7 @@ def assess_mounting(
     """
     faults = [*(() if frame is None else frame.findings), *size_faults(problem.surveys)]
     fault = layout_fault(problem.surveys, problem.observations)
-    if fault is not None or any(fault.code == "units" for fault in faults):
+    if fault is not None or any(finding.code == "units" for finding in faults):
         return MountingAssessment((*faults, *([fault] if fault else [])))
     consensus = agree(problem)
     if consensus is None:
@@ -204,7 +194,7 @@ def assess_mounting(
 
 def _assess_solution(
     problem: MountingProblem,
-    consensus: Consensus,
+    consensus: SurveyConsensus,
     camera: CameraModel,
     frame: ForkliftFrame | None,
     findings: list[Finding],
@@ -254,7 +244,7 @@ def _counted(problem: MountingProblem) -> tuple[list[SurveyedTarget], list[Corne
     return surveys, [corners for corners in problem.observations if problem.surveyed[corners.target]]
 
 
-def _reading_findings(consensus: Consensus) -> list[Finding]:
+def _reading_findings(consensus: SurveyConsensus) -> list[Finding]:
     """Return for which targets the corners are named otherwise than the pattern stands."""
     findings = []
     for survey, reading in zip(consensus.problem.surveys, consensus.readings, strict=True):
@@ -268,7 +258,7 @@ def _reading_findings(consensus: Consensus) -> list[Finding]:
     return findings
 
 
-def _without_moved(consensus: Consensus) -> tuple[MountingProblem, list[Finding]]:
+def _without_moved(consensus: SurveyConsensus) -> tuple[MountingProblem, list[Finding]]:
     """Return the problem in which targets that are centimetres off no longer count, and name them."""
     problem, findings = consensus.problem, list[Finding]()
     for k, (survey, agrees) in enumerate(zip(problem.surveys, consensus.agrees, strict=True)):

@@ -41,7 +41,7 @@ _BETTER = 0.3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Consensus:
+class SurveyConsensus:
     """What most targets agree on."""
 
     problem: MountingProblem
@@ -77,7 +77,7 @@ def read_as(survey: SurveyedTarget, reading: Reading) -> SurveyedTarget:
     return replace(survey, points=np.array(points))
 
 
-def agree(problem: MountingProblem) -> Consensus | None:
+def agree(problem: MountingProblem) -> SurveyConsensus | None:
     """Find where the camera is by a vote of the targets, then by a robust fit to what they say.
 
     Each target alone proposes a pose, and so do the linear equations for all of them together.
@@ -89,7 +89,7 @@ def agree(problem: MountingProblem) -> Consensus | None:
 
     Returns
     -------
-    Consensus, optional
+    SurveyConsensus, optional
         None where nothing proposes a pose.
     """
     proposals = _proposals(problem)
@@ -110,7 +110,7 @@ def agree(problem: MountingProblem) -> Consensus | None:
         camera * own if off and own is not None else pose
         for pose, own, off in zip(poses.boards, seen, misfit >= tolerance, strict=True)
     ]
-    return Consensus(problem, Poses(camera, tuple(boards)), readings, misfit, tolerance)
+    return SurveyConsensus(problem, Poses(camera, tuple(boards)), readings, misfit, tolerance)
 
 
 def _proposals(problem: MountingProblem) -> list[RigidTransform]:

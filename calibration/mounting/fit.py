@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calibration.bearings import cross_matrices
-from calibration.least_squares import descend, inverse_normal, redundancies, told_factor, within_gate
+from calibration.least_squares import descend, error_factor, inverse_normal, redundancies, within_gate
 from calibration.mounting.problem import CAMERA, MountingProblem, Poses
 from palletloc.geometry import BoolArray, FloatArray
 from palletloc.mounting import Mounting
@@ -176,7 +176,7 @@ def _factors(
     )
     told = bearings[1] > _LEAST_REDUNDANCY
     bearing_factor = problem.bearing_scale * np.sqrt(bearings[0] / bearings[1]) if told else 1.0
-    survey_factor = told_factor(surveys[0] * problem.survey_scale**2, surveys[1])
+    survey_factor = error_factor(surveys[0] * problem.survey_scale**2, surveys[1])
     return float(max(bearing_factor, LEAST_BEARING_SCALE)), survey_factor
 
 

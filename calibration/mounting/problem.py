@@ -85,15 +85,15 @@ class MountingProblem:
         return replace(self, surveyed=tuple(k and i != target for i, k in enumerate(self.surveyed)))
 
     def kept(self, chosen: Sequence[BoolArray]) -> MountingProblem:
-        """Return the problem with only the chosen corners of each corners."""
+        """Return the problem with only the chosen corners of each observation."""
         kept = (seen.kept(mask) for seen, mask in zip(self.observations, chosen, strict=True))
         return replace(self, observations=tuple(kept))
 
     def residuals(self, poses: Poses) -> FloatArray:
         """Return the residuals in units of their standard deviations: bearings first, then surveys, (m,)."""
-        return np.concatenate([*self._sight_residuals(poses), *self._survey_residuals(poses)])
+        return np.concatenate([*self._bearing_residuals(poses), *self._survey_residuals(poses)])
 
-    def _sight_residuals(self, poses: Poses) -> list[FloatArray]:
+    def _bearing_residuals(self, poses: Poses) -> list[FloatArray]:
         camera_from_forklift = poses.camera.inv()
         rows = []
         for corners in self.observations:
@@ -113,7 +113,7 @@ class MountingProblem:
     def jacobian(self, poses: Poses) -> FloatArray:
         """Return the derivatives of the residuals by steps as `Poses.moved` takes them, (m, 6 + 6 k)."""
         size = CAMERA * (1 + len(self.surveys))
-        blocks = [self._sight_rows(corners, poses, size) for corners in self.observations]
+        blocks = [self._bearing_rows(corners, poses, size) for corners in self.observations]
         for k, (survey, counts) in enumerate(zip(self.surveys, self.surveyed, strict=True)):
             if counts:
                 rows = np.zeros((9, size))
@@ -126,7 +126,7 @@ class MountingProblem:
         turned = poses.boards[target].rotation.apply(self.surveys[target].outline)
         return _motion(turned).reshape(9, 6)
 
-    def _sight_rows(self, corners: CornerObservation, poses: Poses, size: int) -> FloatArray:
+    def _bearing_rows(self, corners: CornerObservation, poses: Poses, size: int) -> FloatArray:
         pose, camera = poses.boards[corners.target], poses.camera
         inverse = camera.rotation.as_matrix().T
         points = pose.apply(corners.points)

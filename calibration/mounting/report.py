@@ -23,8 +23,7 @@ from calibration.mounting.residuals import (
     sphere_figure,
 )
 from calibration.report_figure import titled_figure, wide_axes
-from calibration.rig_file import rig_text
-from calibration.sections import (
+from calibration.result_page import (
     Drawing,
     Findings,
     Heading,
@@ -38,6 +37,7 @@ from calibration.sections import (
     numbers,
     words,
 )
+from calibration.rig_file import rig_text
 from calibration.targets.observations import TargetObservation
 from palletloc.drawing.canvas import INK, SERIES, add_legend
 from palletloc.io.camera_spec import angles_from_transform

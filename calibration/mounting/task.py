@@ -43,7 +43,7 @@ class CornersSpec(Document):
         return np.array([self.top_left, self.top_right, self.bottom_left])
 
 
-class TargetSpec(Document):
+class _TargetSpec(Document):
     """One target: `charuco` or `tag`, and where it is."""
 
     charuco: CharucoSpec | None = None
@@ -54,7 +54,7 @@ class TargetSpec(Document):
     """Standard deviation of each surveyed coordinate."""
 
 
-class NamedCornersSpec(Document):
+class _NamedCornersSpec(Document):
     """Names of the points at a pattern's corners."""
 
     top_left: Name
@@ -66,13 +66,13 @@ class NamedCornersSpec(Document):
         return self.top_left, self.top_right, self.bottom_left
 
 
-class DirectSpec(Document):
+class _DirectSpec(Document):
     """The survey is in the forklift frame already."""
 
     method: Literal["direct"]
 
 
-class MeasuredPointsSpec(Document):
+class _MeasuredPointsSpec(Document):
     """Points, such as prisms, whose places in the forklift frame are known."""
 
     method: Literal["measured_points"]
@@ -81,7 +81,7 @@ class MeasuredPointsSpec(Document):
     """Of these places; exact without it."""
 
 
-class WheelMarksSpec(Document):
+class _WheelMarksSpec(Document):
     """The frame is defined by the floor and by two wheels of one axle."""
 
     method: Literal["wheel_marks"]
@@ -94,29 +94,29 @@ class WheelMarksSpec(Document):
     """How flat the floor is."""
 
 
-FrameSpec = Annotated[DirectSpec | MeasuredPointsSpec | WheelMarksSpec, Field(discriminator="method")]
+_FrameSpec = Annotated[_DirectSpec | _MeasuredPointsSpec | _WheelMarksSpec, Field(discriminator="method")]
 """How the forklift frame is known."""
 
 
-class SurveySectionSpec(Document):
+class _SurveySectionSpec(Document):
     """The section `survey`: targets and forklift as a total station has surveyed them."""
 
     file: Annotated[str, Field(min_length=1)]
     sigma_m: Sigma
     prism: PrismSpec | None = None
-    targets: Annotated[dict[str, NamedCornersSpec], Field(min_length=1)]
-    frame: FrameSpec
+    targets: Annotated[dict[str, _NamedCornersSpec], Field(min_length=1)]
+    frame: _FrameSpec
 
 
-class ExtrinsicsSpec(Document):
+class _ExtrinsicsSpec(Document):
     """The file extrinsics.yaml."""
 
     format: Literal[1]
     camera: CameraSpec
     shots: Annotated[tuple[str, ...], Field(min_length=1)]
     """Images, relative to the folder."""
-    targets: Annotated[dict[str, TargetSpec], Field(min_length=1)]
-    survey: SurveySectionSpec | None = None
+    targets: Annotated[dict[str, _TargetSpec], Field(min_length=1)]
+    survey: _SurveySectionSpec | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,7 +150,7 @@ def read_mounting_task(folder: Path) -> MountingTask:
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; expected one with {EXTRINSICS} in it")
     path = require_file(folder / EXTRINSICS, "the camera, its shots and the surveyed targets")
-    spec = read_document(path, ExtrinsicsSpec)
+    spec = read_document(path, _ExtrinsicsSpec)
     try:
         camera = camera_from_spec(spec.camera)
     except ValueError as error:
@@ -178,7 +178,7 @@ class _SurveySection:
     """Standard deviation of each coordinate, in metres."""
 
 
-def _read_survey_section(path: Path, spec: SurveySectionSpec) -> _SurveySection:
+def _read_survey_section(path: Path, spec: _SurveySectionSpec) -> _SurveySection:
     """Read the survey that the section of a file names; its name is relative to the file's folder."""
     names = [name for corner in spec.targets.values() for name in corner.names()]
     twice = next((name for name in names if names.count(name) > 1), None)
@@ -197,23 +197,23 @@ def _read_survey_section(path: Path, spec: SurveySectionSpec) -> _SurveySection:
     return _SurveySection(frame, corners, spec.sigma_m)
 
 
-def _frame(path: Path, survey: Survey, spec: SurveySectionSpec) -> ForkliftFrame:
+def _frame(path: Path, survey: Survey, spec: _SurveySectionSpec) -> ForkliftFrame:
     match spec.frame:
-        case MeasuredPointsSpec() as measured:
+        case _MeasuredPointsSpec() as measured:
             sigma = float(np.hypot(spec.sigma_m, measured.sigma_m or 0.0))
             places = {name: np.array(place) for name, place in measured.points.items()}
             return frame_from_points(survey, places, sigma)
-        case WheelMarksSpec() as marks:
+        case _WheelMarksSpec() as marks:
             wheels = (marks.left_wheel, marks.right_wheel)
             if wheels[0] == wheels[1]:
                 raise DocumentError(f"{path}: survey.frame: left_wheel and right_wheel are both '{wheels[0]}'")
             return frame_from_wheels(survey, marks.floor, wheels, spec.sigma_m, marks.floor_sigma_m, marks.ahead)
-        case DirectSpec():
+        case _DirectSpec():
             return direct_frame()
 
 
 def _survey(
-    path: Path, name: str, target: Target, spec: TargetSpec, section: _SurveySection | None
+    path: Path, name: str, target: Target, spec: _TargetSpec, section: _SurveySection | None
 ) -> SurveyedTarget:
     where = f"{path}: targets.{name}"
     outline = on_board(patterns(target)[0].outline)

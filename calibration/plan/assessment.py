@@ -118,7 +118,7 @@ def assess_plan(layout: Layout) -> Plan:
         What is planned.
     """
     faults = size_faults([planned.survey for planned in layout.targets])
-    if any(fault.code == "units" for fault in faults):
+    if any(finding.code == "units" for finding in faults):
         empty = LayoutPrediction(layout, ())
         return Plan(empty, tuple(faults), np.nan, None)
     prediction = predict(layout)

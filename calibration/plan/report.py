@@ -14,7 +14,7 @@ from calibration.degeneracy import NAMES, weakest
 from calibration.plan.assessment import Plan
 from calibration.plan.prediction import LayoutPrediction, PredictedTarget, worst
 from calibration.report_figure import HEAD, LEFT, RIGHT, titled_figure
-from calibration.sections import (
+from calibration.result_page import (
     Drawing,
     Findings,
     Heading,

@@ -24,7 +24,7 @@ _CORNER_PX = 0.1
 """How well a corner is measured where nothing is said, in pixels: real prints are not quite flat."""
 
 
-class PlannedTargetSpec(Document):
+class _PlannedTargetSpec(Document):
     """One target: `charuco` or `tag`, and where it will be."""
 
     charuco: CharucoSpec | None = None
@@ -37,7 +37,7 @@ class PlannedTargetSpec(Document):
     sigma_m: Positive
 
 
-class PlanSpec(Document):
+class _PlanSpec(Document):
     """The file of a layout; an extrinsics.yaml with a rough mounting is one."""
 
     format: Literal[1]
@@ -47,7 +47,7 @@ class PlanSpec(Document):
     corner_deg: Positive | None = None
     shots: tuple[str, ...] | None = None
     """Not used."""
-    targets: Annotated[dict[str, PlannedTargetSpec], Field(min_length=1)]
+    targets: Annotated[dict[str, _PlannedTargetSpec], Field(min_length=1)]
 
 
 def read_layout(path: Path) -> Layout:
@@ -65,7 +65,7 @@ def read_layout(path: Path) -> Layout:
     """
     path = path / EXTRINSICS if path.is_dir() else path
     require_file(path, f"a layout in the form of {EXTRINSICS}, or a folder that has one")
-    spec = read_document(path, PlanSpec)
+    spec = read_document(path, _PlanSpec)
     if spec.corner_px is not None and spec.corner_deg is not None:
         raise DocumentError(f"{path}: expected one of the keys corner_px and corner_deg")
     try:
@@ -84,7 +84,7 @@ def read_layout(path: Path) -> Layout:
     return Layout(camera, mounting, targets, spec.corner_px or _CORNER_PX, angle)
 
 
-def _planned(path: Path, name: str, target: Target, spec: PlannedTargetSpec, eye: FloatArray) -> PlannedTarget:
+def _planned(path: Path, name: str, target: Target, spec: _PlannedTargetSpec, eye: FloatArray) -> PlannedTarget:
     pattern = patterns(target)[0]
     outline = on_board(pattern.outline)
     if (spec.corners_m is None) == (spec.center_m is None):

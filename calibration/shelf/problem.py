@@ -14,9 +14,10 @@ from calibration.shelf.pallets import PalletObservation
 from palletloc.geometry import FloatArray, wrap_angle
 
 _JOIN = 0.35
-"""Sights nearer to each other, in metres, are of one pallet: less than half of the width of one."""
+"""Sights that differ by less in place and height, in metres, show one pallet: less than half of its width."""
 _INFLATION = 2.0
-"""Factor on the variances of the localizer's poses: neighbouring shots err alike."""
+"""Factor on the variances of the localizer's poses, by judgement: neighbouring shots see a face in the same light,
+and err alike."""
 _FLOOR = np.array([0.002, 0.002, 0.0015])
 """Standard deviations of a pose at least, in metres and radians: what camera model and mounting add."""
 _DRIFT = 3

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from calibration.drive import compose
 from calibration.findings import PASS
 from calibration.report_figure import HEAD, titled_figure, wide_axes
-from calibration.sections import (
+from calibration.result_page import (
     Drawing,
     Findings,
     Heading,

@@ -98,7 +98,7 @@ def detect_markers(camera: CameraModel, image: Image, dictionary: str, scale: fl
         if ids is not None:
             found = zip(np.ravel(ids), corners, strict=True)
             seen.extend(Marker(int(i), patch.directions(np.reshape(c, (4, 2)))) for i, c in found)
-    return merge_markers(seen)
+    return _merge_markers(seen)
 
 
 def _detector(dictionary: str) -> cv2.aruco.ArucoDetector:
@@ -109,19 +109,8 @@ def _detector(dictionary: str) -> cv2.aruco.ArucoDetector:
     return cv2.aruco.ArucoDetector(marker_dictionary(dictionary), parameters)
 
 
-def merge_markers(seen: Iterable[Marker]) -> list[Marker]:
-    """Return the markers with those together that several patches show at the same place.
-
-    Parameters
-    ----------
-    seen : iterable of Marker
-        From overlapping patches.
-
-    Returns
-    -------
-    list of Marker
-        With the median of their corners; the same number elsewhere stays a marker of its own.
-    """
+def _merge_markers(seen: Iterable[Marker]) -> list[Marker]:
+    """Return the markers, each place once: with the median of what several patches show of it."""
     groups: list[list[Marker]] = []
     for marker in seen:
         for group in groups:
@@ -168,9 +157,9 @@ def find_target(camera: CameraModel, markers: Sequence[Marker], target: Target, 
     best, rest = None, list[Marker]()
     for pattern in patterns(target):
         mine = [marker for marker in markers if marker.id in pattern.marker_ids]
-        sighting, inliers = _fit(camera, pattern, mine)
-        if sighting is not None and (best is None or sighting.markers > best.markers):
-            best, rest = sighting, [m for m, inlier in zip(mine, inliers, strict=True) if not inlier]
+        detected, inliers = _fit(camera, pattern, mine)
+        if detected is not None and (best is None or detected.markers > best.markers):
+            best, rest = detected, [m for m, inlier in zip(mine, inliers, strict=True) if not inlier]
     if best is None:
         return None
     _refuse_second(camera, best.pattern, rest, name)
@@ -190,7 +179,7 @@ def _refuse_second(camera: CameraModel, pattern: PrintedPattern, rest: Sequence[
 def _fit(
     camera: CameraModel, pattern: PrintedPattern, markers: Sequence[Marker]
 ) -> tuple[DetectedTarget | None, BoolArray]:
-    """Return the sighting that most markers agree on, and which they are."""
+    """Return the detected target that most markers agree on, and which they are."""
     none = np.zeros(len(markers), dtype=np.bool_)
     least = min(_MIN_MARKERS, len(pattern.marker_ids))
     if len(markers) < least:

@@ -102,11 +102,11 @@ def observe(
             on_progress(f"{shot}: looking for markers of {dictionary}")
             markers[dictionary] = detect_markers(camera, image, dictionary, scale)
         for name, target in missing.items():
-            sighting = find_target(camera, markers[target.dictionary], target, name)
-            if sighting is not None:
-                found[name] = sighting
+            detected = find_target(camera, markers[target.dictionary], target, name)
+            if detected is not None:
+                found[name] = detected
     on_progress(f"{shot}: measuring {len(found)} targets")
-    measured = {name: _measure(camera, image, sighting) for name, sighting in found.items()}
+    measured = {name: _measure(camera, image, detected) for name, detected in found.items()}
     return [
         TargetObservation(name, shot, found[name].pattern, found[name].markers, aligned)
         for name in targets
@@ -114,13 +114,13 @@ def observe(
     ]
 
 
-def _measure(camera: CameraModel, image: Image, sighting: DetectedTarget) -> AlignedCorners | None:
-    points = on_board(sighting.pattern.corners)
-    bearings = sighting.directions(sighting.pattern.corners)
+def _measure(camera: CameraModel, image: Image, detected: DetectedTarget) -> AlignedCorners | None:
+    points = on_board(detected.pattern.corners)
+    bearings = detected.directions(detected.pattern.corners)
     pose = pose_from_bearings(points, bearings)
     if pose is None:
         return None
     # Patches show what is far away; of two lens centres the nearer one in direction sees the target.
     center = camera.centers(pose.apply(points)).mean(0)
     shifted = type(pose).from_components(pose.translation + center, pose.rotation)
-    return align_corners(camera, image, sighting.pattern, shifted)
+    return align_corners(camera, image, detected.pattern, shifted)

@@ -40,7 +40,6 @@ from palletloc.evaluation.run import (
     read_run,
 )
 from palletloc.evaluation.run_match import NEAREST_LIMIT
-from palletloc.evaluation.statistics import Proportion
 from palletloc.evaluation.time_pairing import TimeRule
 from palletloc.evaluation.truth import RecordingTruth, read_recording_truth, survey_notes
 from palletloc.io.atomic import write_text
@@ -221,11 +220,11 @@ def _rows(source: EvaluatedSource) -> Iterator[list[str]]:
         values = sizes[:, column] * scale
         numbers = (np.median(values), np.percentile(values, 95), values.max()) if len(values) else ()
         cells = [f"{value:.{digits}f}" for value in numbers] or [""] * 3
-        yield [title, *cells, _counted(part.proportion), str(part.verdict).replace("_", " ")]
+        yield [title, *cells, part.proportion.counted, str(part.verdict).replace("_", " ")]
     together = check.together
-    yield ["together", "", "", "", _counted(together.proportion), str(together.verdict).replace("_", " ")]
+    yield ["together", "", "", "", together.proportion.counted, str(together.verdict).replace("_", " ")]
     found = source.detection
-    yield ["found", "", "", "", _counted(found.found), f"{found.false} false"]
+    yield ["found", "", "", "", found.found.counted, f"{found.false} false"]
 
 
 def _compared(compared: Sequence[ComparedRuns]) -> Table:
@@ -242,10 +241,6 @@ def _compared(compared: Sequence[ComparedRuns]) -> Table:
                     Text(names[0]), names[1], title, *cells, str(difference.smaller), str(difference.larger)
                 )
     return table
-
-
-def _counted(found: Proportion) -> str:
-    return f"{found.successes} of {found.trials}"
 
 
 def _notes(truth: RecordingTruth, settings: Settings) -> list[str]:

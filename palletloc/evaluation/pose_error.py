@@ -15,7 +15,7 @@ from scipy.spatial.transform import RigidTransform
 
 from palletloc.errors import PalletLocError, nearest_name
 from palletloc.evaluation.statistics import nees, normalised
-from palletloc.geometry import FloatArray, LevelPose, level_pose, wrap_angle
+from palletloc.geometry import FloatArray, LevelPose, level_pose
 from palletloc.measurement import PalletMeasurement
 
 COMPONENTS = ("depth", "along", "height", "yaw")
@@ -246,8 +246,7 @@ def pose_error(
         In the true pallet's axes.
     """
     true = face.forklift_from_pallet
-    error = estimate.forklift_from_pallet.as_array() - true.as_array()
-    error[3] = wrap_angle(float(error[3]))
+    error = estimate.forklift_from_pallet.minus(true)
     cos, sin = math.cos(true.yaw), math.sin(true.yaw)
     turn = _pallet_from_forklift(true.yaw)
     return PoseError(

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from palletloc.evaluation.breakdown import by_stop
+from palletloc.evaluation.breakdown import StopAccuracy, by_stop, stop_accuracy
 from palletloc.evaluation.comparison import RunComparison, compare_runs
-from palletloc.evaluation.iso9283 import StopAccuracy, stop_accuracy
 from palletloc.evaluation.pose_error import (
     EvaluationError,
     PalletEstimate,

@@ -18,11 +18,11 @@ from palletloc.io.truth import TruePallet, path_file, read_pallets, read_truth
 from palletloc.survey.truth import SurveyedTruth, TruePose, read_surveyed_truth
 from palletloc.trajectory import Trajectory
 
-SURVEY = "survey.yaml"
+_SURVEY = "survey.yaml"
 """What was surveyed."""
-MOST_APART = 5.0
+_MOST_APART = 5.0
 """How long before the first or after the last shot all stops may be, in seconds: a forklift may stand first."""
-MOST_TURNED = np.radians(15.0)
+_MOST_TURNED = np.radians(15.0)
 """Largest angle between a surveyed pallet and the same by path and pallets.csv, in radians."""
 
 
@@ -83,7 +83,7 @@ def read_recording_truth(folder: str | Path) -> RecordingTruth:
     folder = Path(folder)
     recording = read_recording(folder)
     place = folder / "truth"
-    surveyed = read_surveyed_truth(folder) if (place / SURVEY).exists() else None
+    surveyed = read_surveyed_truth(folder) if (place / _SURVEY).exists() else None
     if surveyed is not None and path_file(folder) is None:
         pallets, path = read_pallets(place / "pallets.csv"), None
     else:
@@ -159,10 +159,10 @@ def _check_surveyed(
     for name in surveyed.plan.pallets:
         if name not in known:
             hint = nearest_name(name, known)
-            raise EvaluationError(f"{place / SURVEY}: bodies: pallet '{name}' is not in pallets.csv{hint}")
+            raise EvaluationError(f"{place / _SURVEY}: bodies: pallet '{name}' is not in pallets.csv{hint}")
     stops = np.array([stop.time for stop in surveyed.stops])
     shots = np.array([shot.time for shot in recording.shots])
-    require_overlap(stops, shots, (f"{place / SURVEY}: stops", "shots"), slack=MOST_APART)
+    require_overlap(stops, shots, (f"{place / _SURVEY}: stops", "shots"), slack=_MOST_APART)
 
 
 def _agreement(
@@ -178,15 +178,15 @@ def _agreement(
         for pose in stop.poses:
             error = -pose.error(true[pose.id])
             apart = float(np.linalg.norm(error[:3]))
-            if abs(error[3]) > MOST_TURNED:
+            if abs(error[3]) > _MOST_TURNED:
                 raise EvaluationError(
-                    f"{place / SURVEY}: stop '{stop.name}', pallet '{pose.id}': is turned by"
+                    f"{place / _SURVEY}: stop '{stop.name}', pallet '{pose.id}': is turned by"
                     f" {np.degrees(error[3]):.0f} degrees from how the forklift's path and pallets.csv put it;"
                     " are their angles in radians?"
                 )
             if apart > PAIRING_DISTANCE:
                 raise EvaluationError(
-                    f"{place / SURVEY}: stop '{stop.name}', pallet '{pose.id}': is {apart:.2f} m from where the"
+                    f"{place / _SURVEY}: stop '{stop.name}', pallet '{pose.id}': is {apart:.2f} m from where the"
                     f" forklift's path and pallets.csv put it, expected at most {PAIRING_DISTANCE} m;"
                     " is it the survey of another site, or of another time?"
                 )

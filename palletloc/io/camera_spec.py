@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -83,6 +85,48 @@ def camera_in(path: Path, content: Any) -> CameraModel:
         raise DocumentError(f"{path}: camera: {error}") from None
 
 
+@dataclass(frozen=True, slots=True)
+class _LensForm:
+    """How a file and a camera call the same numbers of a lens."""
+
+    schema: type[Any]
+    """What a file says of it."""
+    model: type[Any]
+    """The camera."""
+    names: Mapping[str, tuple[str, ...]]
+    """The camera's fields behind each key of the file."""
+
+    def camera(self, lens: Any, width: int, height: int) -> Any:
+        """Build the camera of a lens."""
+        values = dict(zip(("fx", "fy", "cx", "cy"), (*lens.focal_px, *lens.center_px), strict=True))
+        for key, names in self.names.items():
+            given = getattr(lens, key)
+            values.update(zip(names, given if len(names) > 1 else (given,), strict=True))
+        if "max_angle_deg" in self.schema.model_fields:
+            values["max_angle"] = float(np.radians(lens.max_angle_deg))
+        return self.model(width, height, **values)
+
+    def keys(self, camera: Any) -> dict[str, Any]:
+        """Return the keys and values of a file."""
+        values: dict[str, Any] = {"focal_px": (camera.fx, camera.fy), "center_px": (camera.cx, camera.cy)}
+        for key, names in self.names.items():
+            numbers = tuple(getattr(camera, name) for name in names)
+            values[key] = numbers if len(names) > 1 else numbers[0]
+        if "max_angle_deg" in self.schema.model_fields:
+            values["max_angle_deg"] = degrees(camera.max_angle)
+        return values
+
+
+_LENSES = {
+    "pinhole": _LensForm(PinholeSpec, Pinhole, {"distortion": ("k1", "k2", "p1", "p2", "k3")}),
+    "kannala_brandt": _LensForm(KannalaBrandtSpec, KannalaBrandt, {"distortion": ("k1", "k2", "k3", "k4")}),
+    "mei": _LensForm(MeiSpec, Mei, {"xi": ("xi",), "distortion": ("k1", "k2", "p1", "p2")}),
+    "double_sphere": _LensForm(DoubleSphereSpec, DoubleSphere, {"xi": ("xi",), "alpha": ("alpha",)}),
+    "eucm": _LensForm(EucmSpec, Eucm, {"alpha": ("alpha",), "beta": ("beta",)}),
+}
+"""Cameras with one lens, by the model's name in files."""
+
+
 def camera_from_spec(spec: CameraSpec) -> CameraModel:
     """Build the camera that a file describes.
 
@@ -94,53 +138,16 @@ def camera_from_spec(spec: CameraSpec) -> CameraModel:
     match spec:
         case EquirectangularSpec():
             return Equirectangular(spec.width, spec.height)
-        case PinholeSpec():
-            return Pinhole(*_whole(spec), *spec.distortion)
-        case KannalaBrandtSpec():
-            return _fisheye(spec, spec.width, spec.height)
-        case MeiSpec():
-            return Mei(*_whole(spec), spec.xi, *spec.distortion, max_angle=_radians(spec.max_angle_deg))
-        case DoubleSphereSpec():
-            return DoubleSphere(*_whole(spec), spec.xi, spec.alpha, max_angle=_radians(spec.max_angle_deg))
-        case EucmSpec():
-            return Eucm(*_whole(spec), spec.alpha, spec.beta, max_angle=_radians(spec.max_angle_deg))
         case DualFisheyeSpec():
-            front, back = (
-                FisheyeLens(
-                    _fisheye(lens, spec.width, spec.height),
-                    transform_from_angles(lens.translation_m, lens.roll_pitch_yaw_deg),
-                )
-                for lens in spec.lenses
+            form = _LENSES["kannala_brandt"]
+            return DualFisheye(
+                *(FisheyeLens(form.camera(lens, spec.width, spec.height), _transform(lens)) for lens in spec.lenses)
             )
-            return DualFisheye(front, back)
         case StitchedSpec():
-            return StitchedEquirectangular(spec.width, spec.height, *(_stitched_lens(lens) for lens in spec.lenses))
-
-
-def _stitched_lens(spec: StitchedLensSpec) -> StitchedLens:
-    return StitchedLens(transform_from_angles(spec.translation_m, spec.roll_pitch_yaw_deg), *spec.bend)
-
-
-def _whole(
-    spec: PinholeSpec | MeiSpec | DoubleSphereSpec | EucmSpec,
-) -> tuple[int, int, float, float, float, float]:
-    """Return what all lenses begin with: the image's size, focal lengths and centre."""
-    return spec.width, spec.height, *spec.focal_px, *spec.center_px
-
-
-def _radians(angle_deg: float) -> float:
-    return float(np.radians(angle_deg))
-
-
-def _fisheye(spec: KannalaBrandtSpec | LensSpec, width: int, height: int) -> KannalaBrandt:
-    return KannalaBrandt(
-        width,
-        height,
-        *spec.focal_px,
-        *spec.center_px,
-        *spec.distortion,
-        max_angle=_radians(spec.max_angle_deg),
-    )
+            lenses = (StitchedLens(_transform(lens), *lens.bend) for lens in spec.lenses)
+            return StitchedEquirectangular(spec.width, spec.height, *lenses)
+    camera: CameraModel = _LENSES[spec.model].camera(spec, spec.width, spec.height)
+    return camera
 
 
 def spec_from_camera(camera: CameraModel) -> CameraSpec:
@@ -151,79 +158,33 @@ def spec_from_camera(camera: CameraModel) -> CameraSpec:
     ValueError
         If it is of a kind that files do not know.
     """
+    size = {"width": camera.width, "height": camera.height}
     match camera:
         case Equirectangular():
-            return EquirectangularSpec(model="equirectangular", width=camera.width, height=camera.height)
-        case Mei() | DoubleSphere() | Eucm():
-            return _unified_spec(camera)
-        case Pinhole():
-            return PinholeSpec(
-                model="pinhole",
-                width=camera.width,
-                height=camera.height,
-                focal_px=(camera.fx, camera.fy),
-                center_px=(camera.cx, camera.cy),
-                distortion=(camera.k1, camera.k2, camera.p1, camera.p2, camera.k3),
-            )
-        case KannalaBrandt():
-            return KannalaBrandtSpec(
-                model="kannala_brandt",
-                width=camera.width,
-                height=camera.height,
-                focal_px=(camera.fx, camera.fy),
-                center_px=(camera.cx, camera.cy),
-                distortion=(camera.k1, camera.k2, camera.k3, camera.k4),
-                max_angle_deg=degrees(camera.max_angle),
-            )
+            return EquirectangularSpec(model="equirectangular", **size)
         case DualFisheye():
-            return DualFisheyeSpec(
-                model="dual_fisheye",
-                width=camera.width,
-                height=camera.height,
-                lenses=(_lens_spec(camera.front), _lens_spec(camera.back)),
-            )
+            form = _LENSES["kannala_brandt"]
+            fisheyes = (LensSpec(**form.keys(lens.model), **_place(lens)) for lens in (camera.front, camera.back))
+            return DualFisheyeSpec(model="dual_fisheye", **size, lenses=tuple(fisheyes))
         case StitchedEquirectangular():
-            return StitchedSpec(
-                model="stitched_equirectangular",
-                width=camera.width,
-                height=camera.height,
-                lenses=(_stitched_lens_spec(camera.front), _stitched_lens_spec(camera.back)),
+            lenses = (
+                StitchedLensSpec(**_place(lens), bend=(lens.k1, lens.k2)) for lens in (camera.front, camera.back)
             )
+            return StitchedSpec(model="stitched_equirectangular", **size, lenses=tuple(lenses))
+    for name, form in _LENSES.items():
+        if isinstance(camera, form.model):
+            spec: CameraSpec = form.schema(model=name, **size, **form.keys(camera))
+            return spec
     raise ValueError(f"a camera of the kind {type(camera).__name__} has no form in files")
 
 
-def _unified_spec(camera: Mei | DoubleSphere | Eucm) -> CameraSpec:
-    size = {"width": camera.width, "height": camera.height}
-    lens = {"focal_px": (camera.fx, camera.fy), "center_px": (camera.cx, camera.cy)}
-    angle = degrees(camera.max_angle)
-    match camera:
-        case Mei():
-            terms = (camera.k1, camera.k2, camera.p1, camera.p2)
-            return MeiSpec(model="mei", **size, **lens, xi=camera.xi, distortion=terms, max_angle_deg=angle)
-        case DoubleSphere():
-            return DoubleSphereSpec(
-                model="double_sphere", **size, **lens, xi=camera.xi, alpha=camera.alpha, max_angle_deg=angle
-            )
-        case Eucm():
-            return EucmSpec(model="eucm", **size, **lens, alpha=camera.alpha, beta=camera.beta, max_angle_deg=angle)
+def _transform(lens: LensSpec | StitchedLensSpec) -> RigidTransform:
+    return transform_from_angles(lens.translation_m, lens.roll_pitch_yaw_deg)
 
 
-def _lens_spec(lens: FisheyeLens) -> LensSpec:
-    model = lens.model
+def _place(lens: FisheyeLens | StitchedLens) -> dict[str, Any]:
     translation, angles = angles_from_transform(lens.camera_from_lens)
-    return LensSpec(
-        focal_px=(model.fx, model.fy),
-        center_px=(model.cx, model.cy),
-        distortion=(model.k1, model.k2, model.k3, model.k4),
-        max_angle_deg=degrees(model.max_angle),
-        translation_m=translation,
-        roll_pitch_yaw_deg=angles,
-    )
-
-
-def _stitched_lens_spec(lens: StitchedLens) -> StitchedLensSpec:
-    translation, angles = angles_from_transform(lens.camera_from_lens)
-    return StitchedLensSpec(translation_m=translation, roll_pitch_yaw_deg=angles, bend=(lens.k1, lens.k2))
+    return {"translation_m": translation, "roll_pitch_yaw_deg": angles}
 
 
 def transform_from_angles(translation_m: Triple, roll_pitch_yaw_deg: Triple) -> RigidTransform:

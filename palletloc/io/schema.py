@@ -12,7 +12,7 @@ from palletloc.io.yaml_document import Document, Numbers
 Number = Annotated[float, BeforeValidator(Numbers())]
 """One finite number."""
 Angle = Annotated[float, BeforeValidator(Numbers(positive=True)), Field(le=180.0)]
-"""A field of view from the axis, in degrees."""
+"""How far off its axis a lens sees, in degrees."""
 Pair = Annotated[tuple[float, float], BeforeValidator(Numbers(2))]
 """Two finite numbers."""
 Focal = Annotated[tuple[float, float], BeforeValidator(Numbers(2, positive=True))]
@@ -29,89 +29,76 @@ Pixels = Annotated[int, Field(strict=True, gt=0, le=MAX_SIDE_PX)]
 """Width or height of an image."""
 
 
-class EquirectangularSpec(Document):
-    """A stitched 360-degree image."""
+class _CameraKeys(Document):
+    """What every camera begins with."""
 
-    model: Literal["equirectangular"]
+    model: str
     width: Pixels
     height: Pixels
 
 
-class KannalaBrandtSpec(Document):
-    """A fisheye lens in the model of Kannala and Brandt."""
-
-    model: Literal["kannala_brandt"]
-    width: Pixels
-    height: Pixels
-    focal_px: Focal
-    center_px: Pair
-    distortion: FourNumbers
-    """k1, k2, k3, k4."""
-    max_angle_deg: Angle
-    """How far off its axis the lens sees."""
-
-
-class PinholeSpec(Document):
-    """A pinhole camera with Brown's distortion."""
-
-    model: Literal["pinhole"]
-    width: Pixels
-    height: Pixels
-    focal_px: Focal
-    center_px: Pair
-    distortion: FiveNumbers
-    """k1, k2, p1, p2, k3, as OpenCV orders them."""
-
-
-class MeiSpec(Document):
-    """A wide camera in the unified model of Mei, with Brown's distortion."""
-
-    model: Literal["mei"]
-    width: Pixels
-    height: Pixels
-    focal_px: Focal
-    center_px: Pair
-    xi: Number
-    distortion: FourNumbers
-    """k1, k2, p1, p2."""
-    max_angle_deg: Angle
-    """How far off its axis the lens sees."""
-
-
-class DoubleSphereSpec(Document):
-    """A fisheye lens in the double sphere model."""
-
-    model: Literal["double_sphere"]
-    width: Pixels
-    height: Pixels
-    focal_px: Focal
-    center_px: Pair
-    xi: Number
-    alpha: Number
-    max_angle_deg: Angle
-    """How far off its axis the lens sees."""
-
-
-class EucmSpec(Document):
-    """A fisheye lens in the enhanced unified camera model."""
-
-    model: Literal["eucm"]
-    width: Pixels
-    height: Pixels
-    focal_px: Focal
-    center_px: Pair
-    alpha: Number
-    beta: Number
-    max_angle_deg: Angle
-    """How far off its axis the lens sees."""
-
-
-class LensSpec(Document):
-    """One lens of a dual fisheye camera."""
+class _LensKeys(Document):
+    """What every lens begins with."""
 
     focal_px: Focal
     center_px: Pair
     """In the whole image, as the camera writes it."""
+
+
+class EquirectangularSpec(_CameraKeys):
+    """A stitched 360-degree image."""
+
+    model: Literal["equirectangular"]
+
+
+class PinholeSpec(_LensKeys, _CameraKeys):
+    """A pinhole camera with Brown's distortion."""
+
+    model: Literal["pinhole"]
+    distortion: FiveNumbers
+    """k1, k2, p1, p2, k3, as OpenCV orders them."""
+
+
+class KannalaBrandtSpec(_LensKeys, _CameraKeys):
+    """A fisheye lens in the model of Kannala and Brandt."""
+
+    model: Literal["kannala_brandt"]
+    distortion: FourNumbers
+    """k1, k2, k3, k4."""
+    max_angle_deg: Angle
+
+
+class MeiSpec(_LensKeys, _CameraKeys):
+    """A wide camera in the unified model of Mei, with Brown's distortion."""
+
+    model: Literal["mei"]
+    xi: Number
+    distortion: FourNumbers
+    """k1, k2, p1, p2."""
+    max_angle_deg: Angle
+
+
+class DoubleSphereSpec(_LensKeys, _CameraKeys):
+    """A fisheye lens in the double sphere model."""
+
+    model: Literal["double_sphere"]
+    xi: Number
+    alpha: Number
+    max_angle_deg: Angle
+
+
+class EucmSpec(_LensKeys, _CameraKeys):
+    """A fisheye lens in the enhanced unified camera model."""
+
+    model: Literal["eucm"]
+    alpha: Number
+    beta: Number
+    max_angle_deg: Angle
+
+
+class LensSpec(_LensKeys):
+    """One lens of a dual fisheye camera, in the model of Kannala and Brandt."""
+
     distortion: FourNumbers
     max_angle_deg: Angle
     translation_m: Triple
@@ -120,12 +107,10 @@ class LensSpec(Document):
     """Its orientation there: R = Rz(yaw) Ry(pitch) Rx(roll)."""
 
 
-class DualFisheyeSpec(Document):
+class DualFisheyeSpec(_CameraKeys):
     """Two fisheye lenses back to back, before stitching."""
 
     model: Literal["dual_fisheye"]
-    width: Pixels
-    height: Pixels
     lenses: Annotated[tuple[LensSpec, ...], Field(min_length=2, max_length=2)]
 
 
@@ -141,12 +126,10 @@ class StitchedLensSpec(Document):
     """k1, k2: what was at theta off its axis was stitched at theta (1 + k1 theta^2 + k2 theta^4)."""
 
 
-class StitchedSpec(Document):
+class StitchedSpec(_CameraKeys):
     """A stitched 360-degree image with the lenses behind it."""
 
     model: Literal["stitched_equirectangular"]
-    width: Pixels
-    height: Pixels
     lenses: Annotated[tuple[StitchedLensSpec, ...], Field(min_length=2, max_length=2)]
 
 

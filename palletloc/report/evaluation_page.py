@@ -27,9 +27,8 @@ from palletloc.report.evaluation_sections import (
     survey_parts,
 )
 from palletloc.report.page import Column, embedded, folded, heading, key_figures, page, paragraph, picture, table
-from palletloc.report.shot_stages import ShotStages
-from palletloc.report.source_style import QUANTITIES, STYLES
-from palletloc.report.worst_shots import WorstShot, worst_shots
+from palletloc.report.source_style import NONE, QUANTITIES, STYLES
+from palletloc.report.worst_shots import ShotStages, WorstShot, worst_shots
 
 REPORT = "report.html"
 """Name of the file."""
@@ -157,8 +156,8 @@ def _verdict(label: str, source: EvaluatedSource) -> Iterator[str]:
     nees = chi_square_check([error.nees_with_truth for error in source.errors], 4)
     share = f"{100 * inside.low:.1f} to {100 * inside.high:.1f} %"
     figures = [
-        (f"{inside.successes} of {inside.trials}", f"errors inside; {share} at {100 * inside.confidence:g} %"),
-        (f"{found.found.successes} of {found.found.trials}", "pallets found that had to be"),
+        (inside.counted, f"errors inside; {share} at {100 * inside.confidence:g} %"),
+        (found.found.counted, "pallets found that had to be"),
         (str(found.false), "estimates where no pallet stands"),
     ]
     if nees.n:
@@ -173,7 +172,7 @@ def _summary(name: str, source: EvaluatedSource) -> Iterator[list[str]]:
         values = quantity.values(source.errors)
         sizes = np.abs(values)
         part = getattr(check, quantity.label)
-        numbers = ["\N{EN DASH}"] * 5
+        numbers = [NONE] * 5
         if len(values):
             found = (
                 float(np.median(values)),
@@ -184,8 +183,13 @@ def _summary(name: str, source: EvaluatedSource) -> Iterator[list[str]]:
             )
             numbers = [f"{value:.2f}" for value in found]
         label = STYLES[name].label if number == 0 else ""
-        counted = f"{part.proportion.successes} of {part.proportion.trials}"
-        yield [label, f"{quantity.label}, {quantity.unit}", *numbers, counted, str(part.verdict).replace("_", " ")]
+        yield [
+            label,
+            f"{quantity.label}, {quantity.unit}",
+            *numbers,
+            part.proportion.counted,
+            str(part.verdict).replace("_", " "),
+        ]
 
 
 def _worst(shots: Sequence[WorstShot]) -> Iterator[str]:

@@ -56,9 +56,9 @@ def write_explanation(
         write_bytes(folder / picture.file, picture.content)
         pictures.append(picture)
     document = explanation_document(explanation, name_candidates(explanation), str(localizer.method))
-    document["pictures"] = [{"file": one.file, "shows": one.caption} for one in pictures]
+    document["pictures"] = [{"file": picture.file, "shows": picture.caption} for picture in pictures]
     write_text(folder / NUMBERS, json.dumps(document, indent=1, allow_nan=False) + "\n")
-    written = {one.file for one in pictures}
+    written = {picture.file for picture in pictures}
     for path in _left_over(folder):
         if path.name not in written:
             path.unlink()

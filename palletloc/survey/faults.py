@@ -16,15 +16,15 @@ from palletloc.survey.bodies import SurveyedBody
 from palletloc.survey.point import Survey, SurveyError, SurveyPoint, lines_text
 from palletloc.survey.rigid_body import free_scale
 
-CERTAIN = 5.0
+_CERTAIN = 5.0
 """Standard deviations beyond which a distance is wrong."""
-LEAST_LIMIT = 0.003
+_LEAST_LIMIT = 0.003
 """How well the places of targets on a body are known at best, in metres."""
-FAR_OFF = 1.0
+_FAR_OFF = 1.0
 """Distances that are this wrong, in metres, are those of another scene."""
-UNIT_TOLERANCE = 0.02
+_UNIT_TOLERANCE = 0.02
 """How far a ratio of distances may be from that of two units."""
-UNITS: Mapping[str, float] = {
+_UNITS: Mapping[str, float] = {
     "feet": 1 / 0.3048,
     "inches": 1 / 0.0254,
     "centimetres": 100.0,
@@ -32,17 +32,17 @@ UNITS: Mapping[str, float] = {
     "kilometres": 1e-3,
 }
 """How many of each unit make a metre."""
-METRES_AS_FEET = 0.3048
+_METRES_AS_FEET = 0.3048
 """Ratio of distances where metres were taken for feet."""
-WRONG_DIGITS = (10.0, 0.1, 0.01)
+_WRONG_DIGITS = (10.0, 0.1, 0.01)
 """Ratios of distances where a unit digit does not say what the data mean."""
-MIN_PRISM_ERROR = 0.003
+_MIN_PRISM_ERROR = 0.003
 """Least error of the distances that is put down to a prism constant, in metres."""
 
 
 def distance_limit(sigma: float) -> float:
     """Return how far a distance between two points may be from the body's, in metres."""
-    return max(CERTAIN * math.sqrt(2) * sigma, LEAST_LIMIT)
+    return max(_CERTAIN * math.sqrt(2) * sigma, _LEAST_LIMIT)
 
 
 def check_distances(survey: Survey, bodies: Sequence[SurveyedBody], sigma: float) -> None:
@@ -87,15 +87,15 @@ def _foreign_unit(wrong: Sequence[SurveyedBody]) -> str | None:
     ratios = np.concatenate([body.surveyed() / np.maximum(body.nominal(), 1e-9) for body in wrong])
     longest = np.argmax([body.nominal().max() for body in wrong])
     middle = float(np.median(ratios))
-    if np.abs(ratios / middle - 1).max() > UNIT_TOLERANCE:
+    if np.abs(ratios / middle - 1).max() > _UNIT_TOLERANCE:
         return None
     body = wrong[int(longest)]
-    for unit, ratio in UNITS.items():
-        if abs(middle / ratio - 1) < UNIT_TOLERANCE:
+    for unit, ratio in _UNITS.items():
+        if abs(middle / ratio - 1) < _UNIT_TOLERANCE:
             return f"{_pair(body)}: distances are {middle:.5g} times the body's: in {unit}, expected metres"
-    if abs(middle / METRES_AS_FEET - 1) < UNIT_TOLERANCE:
+    if abs(middle / _METRES_AS_FEET - 1) < _UNIT_TOLERANCE:
         return f"{_pair(body)}: distances are {middle:.5g} times the body's: metres that are marked as feet"
-    if any(abs(middle / ratio - 1) < UNIT_TOLERANCE for ratio in WRONG_DIGITS):
+    if any(abs(middle / ratio - 1) < _UNIT_TOLERANCE for ratio in _WRONG_DIGITS):
         return f"{_pair(body)}: distances are {middle:.5g} times the body's: is the unit digit of the words wrong?"
     return None
 
@@ -112,7 +112,7 @@ def _prism_constant(bodies: Sequence[SurveyedBody], limit: float) -> str | None:
         if not (slopes**2).sum() > 0:
             return None
         offset -= float((slopes * errors).sum() / (slopes**2).sum())
-    if abs(offset) < MIN_PRISM_ERROR or not all(_fits(_moved(body, offset), limit) for body in bodies):
+    if abs(offset) < _MIN_PRISM_ERROR or not all(_fits(_moved(body, offset), limit) for body in bodies):
         return None
     scale = free_scale(bodies[0].places, bodies[0].world)
     return (
@@ -169,7 +169,7 @@ def _mistaken(body: SurveyedBody, survey: Survey, limit: float) -> str | None:
 
 def _other_site(body: SurveyedBody) -> str | None:
     off = np.abs(body.surveyed() - body.nominal())
-    if not (off > FAR_OFF).all():
+    if not (off > _FAR_OFF).all():
         return None
     return f"{_pair(body)}, the body's {body.nominal()[_longest(body)]:.3f} m: is it the survey of another site?"
 
@@ -190,7 +190,7 @@ def _outlier(body: SurveyedBody, limit: float) -> str | None:
     told = (
         f"{lines_text(point.lines)}: point '{point.name}' does not fit the others of {body.label}: its distances are"
     )
-    if abs(off) > FAR_OFF:
+    if abs(off) > _FAR_OFF:
         return f"{told} up to {abs(off):.5g} m off; do its coordinates have other units?"
     return f"{told} up to {abs(off) * 1e3:.1f} mm off"
 

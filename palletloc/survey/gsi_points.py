@@ -24,13 +24,16 @@ from palletloc.survey.polar import (
 from palletloc.survey.prism import PrismUse
 from palletloc.survey.resection import ResectionError, resect
 
-REPEAT_LIMIT = 0.01
+_REPEAT_LIMIT = 0.01
 """Farthest that two measurements of one point may lie apart, in metres."""
-POLAR_LIMIT = 0.005
+_POLAR_LIMIT = 0.005
 """Farthest that a line's coordinates may lie from its own angles and distance without a note, in metres."""
 _COORDINATES = ("81", "82", "83")
+"""Words with easting, northing and height of a point."""
 _POLAR = ("21", "22", "31")
+"""Words with horizontal direction, zenith angle and slope distance."""
 _STATION = ("84", "85", "86")
+"""Words with easting, northing and height of the station."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -244,7 +247,7 @@ def _station(
         notes.append(LineNote(sights[0].line, f"point '{names[0]}': no station from it and others: {error}"))
         return None
     for sight, name, distance in zip(sights, names, off, strict=True):
-        if distance > POLAR_LIMIT:
+        if distance > _POLAR_LIMIT:
             text = f"point '{name}': angles and distance lead {distance * 1e3:.1f} mm away from {what}"
             notes.append(LineNote(sight.line, text))
     return station
@@ -257,7 +260,7 @@ def _consistent(sights: Sequence[PolarObservation], known: Mapping[str, FloatArr
         station = resect([sights[index] for index in kept], known).station
         off = [float(np.linalg.norm(reduce_sight(sight, station) - known[sight.name])) for sight in sights]
         worst = max(kept, key=off.__getitem__)
-        if off[worst] <= POLAR_LIMIT or len(kept) <= 3:
+        if off[worst] <= _POLAR_LIMIT or len(kept) <= 3:
             return station, off
         kept.remove(worst)
 
@@ -313,7 +316,7 @@ def _merged(places: dict[str, list[_Place]]) -> tuple[dict[str, SurveyPoint], di
         lines = tuple(line for place in some for line in place.lines)
         positions = np.array([place.position for place in some])
         apart = float(np.linalg.norm(positions - positions[0], axis=1).max())
-        if apart > REPEAT_LIMIT:
+        if apart > _REPEAT_LIMIT:
             unusable[name] = f"{lines_text(lines)}: point '{name}' has places {apart:.3f} m apart; expected one"
             continue
         toward = [place.sight for place in some if place.sight is not None]

@@ -14,7 +14,7 @@ from palletloc.io.csv_table import shortened
 from palletloc.io.reading import read_bytes
 from palletloc.survey.point import LineNote, Survey, SurveyError, SurveyPoint
 
-LINEAR_UNITS: Mapping[str, float] = {
+_LINEAR_UNITS: Mapping[str, float] = {
     "millimeter": 1e-3,
     "centimeter": 1e-2,
     "meter": 1.0,
@@ -97,10 +97,10 @@ def _unit(path: Path, content: _Content) -> tuple[tuple[LineNote, ...], float]:
     if content.unit is None:
         return (LineNote(1, "has no Units; metres are assumed"),), 1.0
     name, line = content.unit
-    if name not in LINEAR_UNITS:
-        hint = nearest_name(name, LINEAR_UNITS)
+    if name not in _LINEAR_UNITS:
+        hint = nearest_name(name, _LINEAR_UNITS)
         raise SurveyError(f"{path}, line {line}: unknown linearUnit {shortened(name)}{hint}")
-    return (), LINEAR_UNITS[name]
+    return (), _LINEAR_UNITS[name]
 
 
 def _parsed(path: Path) -> _Content:

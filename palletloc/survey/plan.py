@@ -30,7 +30,7 @@ Sigma = Annotated[float, BeforeValidator(Numbers(positive=True))]
 """One standard deviation."""
 
 
-class StopSpec(Document):
+class _StopSpec(Document):
     """A time at which the forklift stood still and was surveyed."""
 
     name: Name
@@ -49,12 +49,12 @@ class PrismSpec(Document):
     """Of `set_mm` and of the words."""
 
 
-class SurveySpec(Document):
+class _SurveySpec(Document):
     """The file survey.yaml."""
 
     file: Annotated[str, Field(min_length=1)]
     sigma_m: Sigma
-    stops: Annotated[tuple[StopSpec, ...], Field(min_length=1)]
+    stops: Annotated[tuple[_StopSpec, ...], Field(min_length=1)]
     bodies: dict[Name, dict[Name, Triple]]
     level: bool = False
     prism: PrismSpec | None = None
@@ -116,7 +116,7 @@ def read_survey_plan(path: Path) -> SurveyPlan:
     InputError
         If the file is missing or wrong; names the key.
     """
-    spec = read_document(path, SurveySpec)
+    spec = read_document(path, _SurveySpec)
     for key in ("name", "time_s"):
         values = [getattr(stop, key) for stop in spec.stops]
         twice = next((value for value in values if values.count(value) > 1), None)

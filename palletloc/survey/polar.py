@@ -14,9 +14,9 @@ import numpy as np
 
 from palletloc.geometry import FloatArray, wrap_angle
 
-FULL_TURN = 2 * math.pi
+_FULL_TURN = 2 * math.pi
 """In radians."""
-FACE_LIMIT = math.radians(20 / 3600)
+_FACE_LIMIT = math.radians(20 / 3600)
 """How far the errors of a pair of faces may be from the usual ones, in radians: 1 mm at 10 m."""
 
 
@@ -151,13 +151,13 @@ def misread_faces(faces: Sequence[FaceErrors]) -> list[FaceErrors]:
     Returns
     -------
     list of FaceErrors
-        Those more than `FACE_LIMIT` from the median index or collimation error.
+        Those more than 20 seconds of arc from the median index or collimation error.
     """
     if len(faces) < 3:
         return []
     errors = np.array([[pair.index, pair.collimation] for pair in faces])
     off = np.abs(errors - np.median(errors, axis=0)).max(axis=1)
-    return [pair for pair, far in zip(faces, off > FACE_LIMIT, strict=True) if far]
+    return [pair for pair, far in zip(faces, off > _FACE_LIMIT, strict=True) if far]
 
 
 def instrument_errors(faces: Sequence[FaceErrors]) -> tuple[float, float] | None:
@@ -169,7 +169,7 @@ def instrument_errors(faces: Sequence[FaceErrors]) -> tuple[float, float] | None
 
 
 def _face_errors(first: PolarObservation, second: PolarObservation) -> FaceErrors:
-    index = (first.zenith + second.zenith - FULL_TURN) / 2
+    index = (first.zenith + second.zenith - _FULL_TURN) / 2
     collimation = wrap_angle(first.horizontal - second.horizontal + math.pi) / 2
     return FaceErrors(first.name, (first.line, second.line), index, collimation)
 
@@ -177,7 +177,7 @@ def _face_errors(first: PolarObservation, second: PolarObservation) -> FaceError
 def _as_first_face(sight: PolarObservation) -> PolarObservation:
     if not sight.second_face:
         return sight
-    return replace(sight, horizontal=sight.horizontal - math.pi, zenith=FULL_TURN - sight.zenith)
+    return replace(sight, horizontal=sight.horizontal - math.pi, zenith=_FULL_TURN - sight.zenith)
 
 
 def _mean(sights: Sequence[PolarObservation]) -> PolarObservation:
@@ -186,7 +186,7 @@ def _mean(sights: Sequence[PolarObservation]) -> PolarObservation:
     distances = [sight.distance for sight in sights if sight.distance is not None]
     return replace(
         start,
-        horizontal=(start.horizontal + float(np.mean(turns))) % FULL_TURN,
+        horizontal=(start.horizontal + float(np.mean(turns))) % _FULL_TURN,
         zenith=float(np.mean([sight.zenith for sight in sights])),
         distance=float(np.mean(distances)) if distances else None,
     )

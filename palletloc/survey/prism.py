@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
-LEICA_OFFSET = 0.0344
+_LEICA_OFFSET = 0.0344
 """Leica's constant minus the absolute one, in metres."""
 LEICA_CONSTANTS: Mapping[str, float] = {
     "GPR1": 0.0,
@@ -53,12 +53,12 @@ class PrismConstant:
         >>> PrismConstant(-0.0344, PrismConvention.ABSOLUTE).leica
         0.0
         """
-        return self.value + (LEICA_OFFSET if self.convention is PrismConvention.ABSOLUTE else 0.0)
+        return self.value + (_LEICA_OFFSET if self.convention is PrismConvention.ABSOLUTE else 0.0)
 
     @property
     def absolute(self) -> float:
         """The constant in the absolute convention, in metres."""
-        return self.leica - LEICA_OFFSET
+        return self.leica - _LEICA_OFFSET
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,9 +13,9 @@ from palletloc.geometry import FloatArray, wrap_angle
 from palletloc.survey.polar import PolarObservation, Station, reduce_sight
 from palletloc.survey.rigid_body import FitError, fit_level
 
-MAX_ROUNDS = 20
+_MAX_ROUNDS = 20
 """After which the iteration is given up; a few suffice."""
-STILL = 1e-10
+_STILL = 1e-10
 """Change of the unknowns, as a part of the largest coordinate, below which it has converged."""
 
 
@@ -94,16 +94,16 @@ def _settled(
     sights: Sequence[PolarObservation], known: Mapping[str, FloatArray], station: Station, weights: FloatArray
 ) -> FreeStation:
     """Improve the station until it stands still."""
-    for _ in range(MAX_ROUNDS):
+    for _ in range(_MAX_ROUNDS):
         errors, slopes = _linearized(sights, known, station)
         used = np.isfinite(errors)
         normal = slopes[used].T @ (slopes[used] * weights[used, None])
         step = np.linalg.solve(normal, slopes[used].T @ (errors[used] * weights[used]))
         station = Station(station.position + step[:3], wrap_angle(station.orientation + float(step[3])))
-        if np.abs(step).max() < STILL * (1 + np.abs(station.position).max()):
+        if np.abs(step).max() < _STILL * (1 + np.abs(station.position).max()):
             break
     else:
-        raise ResectionError(f"the free station does not settle after {MAX_ROUNDS} rounds")
+        raise ResectionError(f"the free station does not settle after {_MAX_ROUNDS} rounds")
     errors, _ = _linearized(sights, known, station)
     chi2 = float((errors[used] ** 2 * weights[used]).sum())
     covariance = np.linalg.inv(normal)

@@ -15,7 +15,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from palletloc.errors import PalletLocError
 from palletloc.geometry import FloatArray, LevelPose, level_pose
 
-MAX_ANGLE_SIGMA = math.radians(2.0)
+_MAX_ANGLE_SIGMA = math.radians(2.0)
 """Points that leave an angle more uncertain than this, in radians, do not fix it."""
 
 
@@ -199,7 +199,7 @@ def _rigid_rotation(body: FloatArray, world: FloatArray, sigma: float) -> FloatA
     if len(body) < 3:
         raise FitError(f"{_count(body)}, expected at least 3 where the tilt is free")
     spread = np.linalg.svd(body - body.mean(axis=0), compute_uv=False)
-    if sigma > MAX_ANGLE_SIGMA * spread[1]:
+    if sigma > _MAX_ANGLE_SIGMA * spread[1]:
         off = spread[1] / math.sqrt(len(body))
         raise FitError(f"its {len(body)} points lie on one line, within {off * 1e3:.1f} mm, and do not fix the tilt")
     return _proper_rotation(body, world)
@@ -210,7 +210,7 @@ def _level_rotation(body: FloatArray, world: FloatArray, sigma: float) -> FloatA
         raise FitError(f"{_count(body)}, expected at least 2")
     flat, seen = (body - body.mean(axis=0))[:, :2], (world - world.mean(axis=0))[:, :2]
     apart = math.sqrt(float((flat**2).sum()))
-    if sigma > MAX_ANGLE_SIGMA * apart:
+    if sigma > _MAX_ANGLE_SIGMA * apart:
         raise FitError(f"its {len(body)} points stand above one another and do not fix the heading")
     across = float((flat[:, 0] * seen[:, 1] - flat[:, 1] * seen[:, 0]).sum())
     yaw = math.atan2(across, float((flat * seen).sum()))

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from scipy.special import gammaincc
 
-from palletloc.geometry import FloatArray, LevelPose, wrap_angle
+from palletloc.geometry import FloatArray, LevelPose
 from palletloc.survey.bodies import SurveyedBody, rejected_text, surveyed_bodies
 from palletloc.survey.faults import check_distances, distance_limit
 from palletloc.survey.plan import SurveyPlan, read_survey_plan
@@ -26,11 +26,11 @@ from palletloc.survey.rigid_body import (
     relative_pose,
 )
 
-MAX_TILT = math.radians(3.0)
+_MAX_TILT = math.radians(3.0)
 """Tilt beyond which a body is not standing, in radians."""
-MAX_DISTANCE = 50.0
+_MAX_DISTANCE = 50.0
 """Farthest that a pallet may be from the forklift that approaches it, in metres."""
-IMPROBABLE = 1e-3
+_IMPROBABLE = 1e-3
 """Probability of residuals below which the stated sigma is too small."""
 
 
@@ -76,9 +76,7 @@ class TruePose:
 
     def error(self, pose: LevelPose) -> FloatArray:
         """Return a pose minus the true one: (4,) of x, y, z and yaw, the yaw in [-pi, pi)."""
-        error = pose.as_array() - self.forklift_from_pallet.as_array()
-        error[3] = wrap_angle(float(error[3]))
-        return error
+        return pose.minus(self.forklift_from_pallet)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -208,7 +206,7 @@ def _fitted(plan: SurveyPlan, survey: Survey, body: SurveyedBody) -> BodyFit:
         raise SurveyError(f"{where}: {body.label} ({names}): {error}{hint}") from None
     _check_residuals(plan, survey, body, fit)
     sigma = math.sqrt(max(fit.pose.covariance[3, 3], fit.pose.covariance[4, 4]))
-    if fit.pose.tilt > max(MAX_TILT, 5 * sigma):
+    if fit.pose.tilt > max(_MAX_TILT, 5 * sigma):
         raise SurveyError(
             f"{where}: {body.label} tilts by {math.degrees(fit.pose.tilt):.1f} degrees, expected it to stand level;"
             f" {_tilt_hint(body, plan.sigma)}"
@@ -235,7 +233,7 @@ def _check_residuals(plan: SurveyPlan, survey: Survey, body: SurveyedBody, fit: 
 
 def _tilt_hint(body: SurveyedBody, sigma: float) -> str:
     mirrored = fit_rigid(body.places, body.world[:, [1, 0, 2]], sigma)
-    if mirrored.pose.tilt <= MAX_TILT and mirrored.rms < distance_limit(sigma):
+    if mirrored.pose.tilt <= _MAX_TILT and mirrored.rms < distance_limit(sigma):
         return "with easting and northing exchanged it does: is the survey left-handed?"
     return f"are points swapped ({', '.join(point.name for point in body.points)})?"
 
@@ -246,7 +244,7 @@ def _with_true_variance(placed: Sequence[PlacedBody], plan: SurveyPlan) -> tuple
         sum(values) for values in zip(*((body.fit.chi2, body.fit.freedom) for body in placed), strict=True)
     )
     factor = total / freedom if freedom else 1.0
-    if not freedom or gammaincc(freedom / 2, total / 2) > IMPROBABLE:
+    if not freedom or gammaincc(freedom / 2, total / 2) > _IMPROBABLE:
         return list(placed), factor, []
     note = (
         f"{plan.path}: sigma_m: the residuals of all bodies say {math.sqrt(factor) * plan.sigma * 1e3:.2g} mm, not"
@@ -271,10 +269,10 @@ def _level_notes(placed: Sequence[PlacedBody], plan: SurveyPlan) -> list[str]:
 def _relative(survey: Survey, lift: PlacedBody, pallet: PlacedBody) -> TruePose:
     pose = relative_pose(lift.fit.pose, pallet.fit.pose)
     apart = float(np.linalg.norm(pose.target_from_source.translation))
-    if apart > MAX_DISTANCE:
+    if apart > _MAX_DISTANCE:
         raise SurveyError(
             f"{survey.path}, {lines_text(pallet.body.lines)}: {pallet.body.label} ({pallet.body.points[0].name}) is"
-            f" {apart:.1f} m from the forklift at {lift.body.label}, expected at most {MAX_DISTANCE:.0f} m;"
+            f" {apart:.1f} m from the forklift at {lift.body.label}, expected at most {_MAX_DISTANCE:.0f} m;"
             " are they surveyed in one frame?"
         )
     return TruePose(pallet.body.name, pose.level, pose.level_covariance)

@@ -84,5 +84,5 @@ def test_the_parts_of_a_factor_stand_in_their_order() -> None:
         scenes = [draw_scene(seed) for seed in range(40)]
         face = view(1.0).face
         views = [View(scene, face, HeightClass.FLOOR, 0.1, None, False) for scene in scenes]
-        lows = [float(label.split()[0]) for label in sorted({FACTORS[factor](one) for one in views})]
+        lows = [float(label.split()[0]) for label in sorted({FACTORS[factor](view) for view in views})]
         assert lows == sorted(lows)

@@ -14,7 +14,7 @@ from palletloc.cameras import Equirectangular
 from palletloc.drawing.canvas import png, small_png
 from palletloc.errors import PalletLocError
 from palletloc.geometry import LevelPose, level_pose
-from palletloc.io.recording import Recording, Shot
+from palletloc.io.recording import Recording, ShotFile
 from palletloc.io.truth import TruePallet, Truth
 from palletloc.measurement import PalletMeasurement, YawSource
 from palletloc.pallet_library import load_library
@@ -31,7 +31,7 @@ TRUTH = Truth(FORKLIFT, (LOW, HIGH))
 @pytest.fixture
 def recording() -> Recording:
     mounting = RigidTransform.from_translation([0.3, 0.0, 1.8])
-    shots = tuple(Shot(time, f"{time}.jpg") for time in TIMES)
+    shots = tuple(ShotFile(time, f"{time}.jpg") for time in TIMES)
     return Recording(
         Path("aisle"),
         Equirectangular(64, 32),
@@ -79,14 +79,16 @@ def test_the_table_says_what_was_found_and_how_well(recording: Recording) -> Non
 
 
 def test_texts_of_the_table_do_not_cover_each_other(recording: Recording) -> None:
-    runs = {name: [measured(0.0, 0.0874, 0.5, one) for one in (LOW, HIGH)] for name in ("horizontal_plane", "other")}
+    runs = {
+        name: [measured(0.0, 0.0874, 0.5, pallet) for pallet in (LOW, HIGH)] for name in ("horizontal_plane", "other")
+    }
     figure = method_figure(recording, TRUTH, runs)
     png(figure)  # places the texts
     tables = [axes for axes in figure.axes if axes.get_yscale() != "log"]
     assert len(tables) == 2
     for axes in tables:
         boxes = [text.get_window_extent() for text in axes.texts if text.get_text()]
-        assert not any(one.overlaps(other) for i, one in enumerate(boxes) for other in boxes[:i])
+        assert not any(box.overlaps(other) for i, box in enumerate(boxes) for other in boxes[:i])
 
 
 def test_pallets_at_one_height_only_fill_the_page(recording: Recording) -> None:
@@ -100,7 +102,7 @@ def test_an_error_of_nothing_is_drawn_at_the_border(recording: Recording) -> Non
 
 
 def test_the_page_names_the_recording_and_is_small(recording: Recording) -> None:
-    runs = {name: [measured(time, 0.01, 0.01, one) for time in TIMES for one in (LOW, HIGH)] for name in "abcd"}
+    runs = {name: [measured(time, 0.01, 0.01, pallet) for time in TIMES for pallet in (LOW, HIGH)] for name in "abcd"}
     figure = method_figure(recording, TRUTH, runs)
     assert figure.texts[0].get_text().startswith("aisle:")
     content = small_png(figure)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -8,12 +9,13 @@ import pytest
 
 from benchmarks.scenes import draw_scene
 from benchmarks.views import MOST_HIDDEN, Exposure, HeightClass, ShotViews, expose, height_class, look, recorded
-from palletloc.candidate import Candidate
+from palletloc.candidate import Candidate, Fit, Refusal
 from palletloc.choices import CameraKind
-from palletloc.geometry import Image, LevelPose
+from palletloc.geometry import LevelPose
 from palletloc.localizer import Explanation, Localizer
-from palletloc.measurement import Reason, Stage
+from palletloc.measurement import Reason, Stage, YawSource
 from palletloc.shelf import ShelfPlane
+from palletloc.shot import Shot
 from palletloc.synthetic.simulation import simulate
 
 COVARIANCE = np.diag([0.01, 0.01, 0.01, 0.01]) ** 2
@@ -23,12 +25,12 @@ AWAY = 9.0
 class Told(Localizer):
     """A localizer that is told what to find."""
 
-    candidates: tuple[Candidate, ...] = ()
+    outcomes: tuple[Fit | Refusal, ...] = ()
 
-    def explain(self, image: Image, time: float, shelf: ShelfPlane, file: str = "") -> Explanation:
-        assert image is exposure().image
+    def explain(self, shot: Shot, shelf: ShelfPlane) -> Explanation:
+        assert shot is exposure().shot
         assert shelf.levels == exposure().recording.shelf.levels
-        return Explanation(time, file, (), (), self.candidates)
+        return Explanation(shot, (), (), self.outcomes)
 
 
 @cache
@@ -39,18 +41,14 @@ def exposure() -> Exposure:
     return expose(scene, simulate(scene.spec, scene.seed), 0)
 
 
-def candidate(pose: LevelPose, model: str, refused: bool = False) -> Candidate:
-    found = Candidate(next(one for one in exposure().recording.models if one.name == model), pose, None)
-    found.pose, found.covariance = pose, COVARIANCE
-    if refused:
-        found.refuse(Stage.VERIFICATION, Reason.LOW_CONTRAST)
-    return found
+def fit(pose: LevelPose, name: str) -> Fit:
+    model = next(model for model in exposure().recording.models if model.name == name)
+    return Fit(Candidate(model, pose), pose, COVARIANCE, YawSource.FACE)
 
 
-def looked(candidates: list[Candidate]) -> ShotViews:
-    recording = exposure().recording
-    localizer = Told(recording.camera, recording.mounting, recording.models)
-    localizer.candidates = tuple(candidates)
+def looked(outcomes: Sequence[Fit | Refusal]) -> ShotViews:
+    localizer = Told(exposure().recording.models)
+    localizer.outcomes = tuple(outcomes)
     return look(exposure(), localizer)
 
 
@@ -75,7 +73,7 @@ def test_classes_go_by_the_edge_nearest_to_the_cameras_height(below: float, expe
 
 
 def test_a_perfect_localizer_finds_every_pallet_without_an_error() -> None:
-    seen = looked([candidate(face.forklift_from_pallet, face.model) for face in exposure().faces])
+    seen = looked([fit(face.forklift_from_pallet, face.model) for face in exposure().faces])
     assert len(seen.views) >= 2
     assert seen.false == ()
     for view in seen.views:
@@ -87,20 +85,21 @@ def test_a_perfect_localizer_finds_every_pallet_without_an_error() -> None:
 def test_an_error_counts_in_the_covariances_units() -> None:
     face = next(face for face in exposure().faces if face.visible)
     off = replace(face.forklift_from_pallet, x=face.forklift_from_pallet.x + 0.02)
-    errors = [view.error for view in looked([candidate(off, face.model)]).views if view.error]
+    errors = [view.error for view in looked([fit(off, face.model)]).views if view.error]
     assert [error.nees for error in errors] == pytest.approx([4.0])
 
 
 def test_refusals_and_misses_differ() -> None:
     face = next(face for face in exposure().faces if face.visible)
-    seen = looked([candidate(face.forklift_from_pallet, face.model, refused=True)])
+    found = fit(face.forklift_from_pallet, face.model)
+    seen = looked([Refusal(found.candidate, Stage.VERIFICATION, Reason.LOW_CONTRAST, found)])
     assert all(view.error is None for view in seen.views)
     assert [view.face.id for view in seen.views if view.refused] == [face.id]
 
 
 def test_a_row_where_no_pallet_stands_is_false_at_its_height() -> None:
     model = exposure().recording.models[0].name
-    assert looked([candidate(LevelPose(AWAY, AWAY, 0.0, 0.0), model)]).false == (HeightClass.FLOOR,)
+    assert looked([fit(LevelPose(AWAY, AWAY, 0.0, 0.0), model)]).false == (HeightClass.FLOOR,)
 
 
 def test_faces_that_are_mostly_hidden_or_cut_do_not_count() -> None:

@@ -9,9 +9,7 @@ from matplotlib.figure import Figure
 from rich.console import Console
 
 from calibration.findings import Finding, Severity
-from calibration.outcome import write_report, write_result
-from calibration.result_page import html_text, json_text, reason_lines, terminal_parts
-from calibration.sections import (
+from calibration.result_page import (
     Drawing,
     Findings,
     Heading,
@@ -22,8 +20,14 @@ from calibration.sections import (
     ResultPage,
     Section,
     Table,
+    html_text,
+    json_text,
     numbers,
+    reason_lines,
+    terminal_parts,
     words,
+    write_report,
+    write_result,
 )
 
 NOTE = Finding(Severity.NOTE, "upside_down", "a board is turned", "nothing")

@@ -67,6 +67,18 @@ def blank_recording(tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.fixture
+def pallet_file(tmp_path: Path) -> Callable[[str | bytes], Path]:
+    """Return a function that writes a file of pallet models."""
+
+    def write(content: str | bytes) -> Path:
+        path = tmp_path / "pallets.yaml"
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return path
+
+    return write
+
+
 @pytest.fixture(scope="session")
 def epal() -> PalletModel:
     """Return a wooden face, closed below, with edges that are hardly rounded."""

@@ -15,6 +15,10 @@ LEFT = Opening(center=-0.26, bottom=0.024, width=0.30, height=0.09, radius=0.01)
 RIGHT = Opening(center=0.26, bottom=0.024, width=0.30, height=0.09, radius=0.01)
 MODEL = PalletModel("mine", width=1.1, height=0.144, depth=1.1, openings=(LEFT, RIGHT), edge_radius=0.01)
 
+LENGTHS = {
+    "opening": ["center", "bottom", "width", "height", "radius"],
+    "face": ["width", "height", "depth", "tolerance", "corner_radius", "edge_radius"],
+}
 not_finite = st.sampled_from([float("nan"), float("inf"), -float("inf")])
 shares = st.lists(st.floats(0.05, 1.0), min_size=3, max_size=9).filter(lambda cuts: len(cuts) % 2 == 1)
 
@@ -58,92 +62,51 @@ def test_equal_models_are_one_key_of_a_cache() -> None:
 
 
 @given(not_finite)
-@pytest.mark.parametrize("field", ["center", "bottom", "width", "height", "radius"])
-def test_an_opening_is_finite(field: str, value: float) -> None:
-    change: dict[str, Any] = {field: value}
-    with pytest.raises(ValueError, match=f"the opening's {field} must be a finite number"):
-        replace(LEFT, **change)
-
-
-@given(not_finite)
-@pytest.mark.parametrize("field", ["width", "height", "depth", "tolerance", "corner_radius", "edge_radius"])
-def test_a_face_is_finite(field: str, value: float) -> None:
-    change: dict[str, Any] = {field: value}
-    with pytest.raises(ValueError, match=f"the face's {field} must be a finite number"):
-        replace(MODEL, **change)
+def test_all_lengths_are_finite(value: float) -> None:
+    for part, what in ((LEFT, "opening"), (MODEL, "face")):
+        for field in LENGTHS[what]:
+            change: dict[str, Any] = {field: value}
+            with pytest.raises(ValueError, match=f"the {what}'s {field} must be a finite number"):
+                replace(part, **change)
 
 
 @pytest.mark.parametrize("value", [0.0, -0.1])
-@pytest.mark.parametrize("field", ["width", "height"])
-def test_an_opening_has_a_size(field: str, value: float) -> None:
-    change: dict[str, Any] = {field: value}
-    with pytest.raises(ValueError, match=f"the opening's {field} must be positive"):
-        replace(LEFT, **change)
+def test_an_opening_and_a_face_have_a_size_and_a_face_a_tolerance(value: float) -> None:
+    for part, what, names in ((LEFT, "opening", "width height"), (MODEL, "face", "width height depth tolerance")):
+        for field in names.split():
+            change: dict[str, Any] = {field: value}
+            with pytest.raises(ValueError, match=f"the {what}'s {field} must be positive"):
+                replace(part, **change)
 
 
-@pytest.mark.parametrize("value", [0.0, -0.1])
-@pytest.mark.parametrize("field", ["width", "height", "depth", "tolerance"])
-def test_a_face_has_a_size_and_a_tolerance(field: str, value: float) -> None:
-    change: dict[str, Any] = {field: value}
-    with pytest.raises(ValueError, match=f"the face's {field} must be positive"):
-        replace(MODEL, **change)
+def test_neither_radii_nor_the_place_above_the_floor_are_negative() -> None:
+    for part, names in ((LEFT, "bottom radius"), (MODEL, "corner_radius edge_radius")):
+        for field in names.split():
+            change: dict[str, Any] = {field: -0.001}
+            with pytest.raises(ValueError, match=f"{field} must not be negative"):
+                replace(part, **change)
 
 
-@pytest.mark.parametrize("field", ["bottom", "radius"])
-def test_an_opening_does_not_begin_below_the_floor(field: str) -> None:
-    change: dict[str, Any] = {field: -0.001}
-    with pytest.raises(ValueError, match=f"{field} must not be negative"):
-        replace(LEFT, **change)
+@pytest.mark.parametrize(
+    ("openings", "problem"),
+    [
+        ((), "no opening"),
+        *(((replace(LEFT, center=x), RIGHT), r"opening 1 spans .* expected inside") for x in (-0.40, -0.45, -0.9)),
+        *(((LEFT, replace(RIGHT, center=x)), r"opening 2 spans .* expected inside") for x in (0.40, 0.45, 0.9)),
+        *(((LEFT, replace(RIGHT, height=h)), r"opening 2 reaches up to .* expected below") for h in (0.12, 0.2)),
+        *(((LEFT, replace(RIGHT, center=x)), "openings 1 and 2 overlap or touch") for x in (0.04, 0.0, -0.2)),
+        ((RIGHT, LEFT), "opening 2 is not to the right of opening 1"),
+    ],
+)
+def test_blocks_stand_around_the_openings_and_a_deck_lies_above(openings: tuple[Opening, ...], problem: str) -> None:
+    with pytest.raises(ValueError, match=problem):
+        replace(MODEL, openings=openings)
 
 
-@pytest.mark.parametrize("field", ["corner_radius", "edge_radius"])
-def test_the_radii_of_a_face_are_not_negative(field: str) -> None:
-    change: dict[str, Any] = {field: -0.001}
-    with pytest.raises(ValueError, match=f"{field} must not be negative"):
-        replace(MODEL, **change)
-
-
-def test_a_face_has_an_opening() -> None:
-    with pytest.raises(ValueError, match="no opening"):
-        replace(MODEL, openings=())
-
-
-@pytest.mark.parametrize("center", [-0.40, -0.45, -0.9])
-def test_a_block_stands_left_of_the_openings(center: float) -> None:
-    with pytest.raises(ValueError, match=r"opening 1 spans .* expected inside"):
-        replace(MODEL, openings=(replace(LEFT, center=center), RIGHT))
-
-
-@pytest.mark.parametrize("center", [0.40, 0.45, 0.9])
-def test_a_block_stands_right_of_the_openings(center: float) -> None:
-    with pytest.raises(ValueError, match=r"opening 2 spans .* expected inside"):
-        replace(MODEL, openings=(LEFT, replace(RIGHT, center=center)))
-
-
-@pytest.mark.parametrize("height", [0.12, 0.2])
-def test_a_deck_lies_above_the_openings(height: float) -> None:
-    with pytest.raises(ValueError, match=r"opening 2 reaches up to .* expected below"):
-        replace(MODEL, openings=(LEFT, replace(RIGHT, height=height)))
-
-
-def test_openings_are_in_order() -> None:
-    with pytest.raises(ValueError, match="opening 2 is not to the right of opening 1"):
-        replace(MODEL, openings=(RIGHT, LEFT))
-
-
-@pytest.mark.parametrize("center", [0.04, 0.0, -0.2])
-def test_a_block_stands_between_the_openings(center: float) -> None:
-    with pytest.raises(ValueError, match="openings 1 and 2 overlap or touch"):
-        replace(MODEL, openings=(LEFT, replace(RIGHT, center=center)))
-
-
-def test_an_opening_is_as_large_as_its_corners() -> None:
+def test_openings_and_faces_are_as_large_as_their_corners() -> None:
     replace(LEFT, radius=LEFT.height / 2)
     with pytest.raises(ValueError, match=r"the opening's corner radius .* half of its smaller side, 0\.09 m"):
         replace(LEFT, radius=LEFT.height / 2 + 0.001)
-
-
-def test_a_face_is_as_large_as_its_corners() -> None:
     replace(MODEL, corner_radius=MODEL.height / 2)
     with pytest.raises(ValueError, match=r"the face's corner radius .* half of its smaller side, 0\.144 m"):
         replace(MODEL, corner_radius=MODEL.height / 2 + 0.001)

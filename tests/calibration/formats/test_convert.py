@@ -247,27 +247,6 @@ def changed(content: dict[str, Any], place: str, value: object) -> dict[str, Any
         ("a.yaml", {"nothing": 1}, "is no camera file; expected the keys camera"),
         ("a.yaml", {"camera": {"model": "eucm", "width": 5}}, "camera.height: is missing"),
         ("a.yaml", [1, 2], "is no camera file"),
-    ],
-)  # fmt: skip
-def test_a_malformed_file_is_one_line_with_its_key(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, content: object, message: str
-) -> None:
-    path = tmp_path / name
-    path.write_text(json.dumps(content) if name.endswith("json") else yaml.safe_dump(content))
-    assert (
-        run(["calibrate", "convert", str(path), "--to", "palletloc", "--out", str(tmp_path / "o.yaml")], COMMANDS)
-        == 1
-    )
-    told = capsys.readouterr().err
-    assert message in told
-    assert str(path) in told
-    assert told.count("\n") == 1
-    assert not (tmp_path / "o.yaml").exists()
-
-
-@pytest.mark.parametrize(
-    ("name", "text", "message"),
-    [
         ("a.yaml", "cam0: [", "line 1: is not yaml"),
         ("a.json", '{"value0": ', "line 1: is not JSON"),
         ("a.xml", "<?xml version='1.0'?><opencv_storage><broken>", "is not a file of OpenCV"),
@@ -277,16 +256,19 @@ def test_a_malformed_file_is_one_line_with_its_key(
         ("a.txt", "2 -1 0\n3 5 1\n1 1\n1 0 0\n9 9\n", "line 2: expected a count and as many coefficients"),
         ("a.txt", "2 -1 0\n2 5 1\n1 1\n1 0 0\n9.5 9\n", "line 5: expected height and width"),
     ],
-)
-def test_a_broken_file_is_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, text: str, message: str
+)  # fmt: skip
+def test_a_bad_file_is_one_line_with_its_place(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, content: object, message: str
 ) -> None:
-    (tmp_path / name).write_text(text)
-    arguments = ["calibrate", "convert", str(tmp_path / name), "--to", "palletloc", "--out", str(tmp_path / "o.yaml")]
-    assert run(arguments, COMMANDS) == 1
+    path, out = tmp_path / name, tmp_path / "o.yaml"
+    text = content if isinstance(content, str) else None
+    path.write_text(text or (json.dumps(content) if name.endswith("json") else yaml.safe_dump(content)))
+    assert run(["calibrate", "convert", str(path), "--to", "palletloc", "--out", str(out)], COMMANDS) == 1
     told = capsys.readouterr().err
     assert message in told
+    assert str(path) in told
     assert told.count("\n") == 1
+    assert not out.exists()
 
 
 @pytest.mark.parametrize(

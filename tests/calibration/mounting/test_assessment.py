@@ -83,8 +83,7 @@ def test_targets_that_tell_little_give_no_confident_answer(forklift_from_camera:
     assert {"too_uncertain", "unobservable"} & set(codes(assessment))
 
 
-@pytest.mark.parametrize("distance", [0.006, 0.03, 0.3])
-@pytest.mark.parametrize("guilty", [0, 4])
+@pytest.mark.parametrize(("distance", "guilty"), [(0.006, 0), (0.03, 4), (0.3, 2)])
 def test_a_moved_target_is_named(yard: Callable[..., Yard], distance: float, guilty: int) -> None:
     drawn = yard()
     step = distance * np.array([0.6, 0.0, 0.8])

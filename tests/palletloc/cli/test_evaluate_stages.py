@@ -10,7 +10,7 @@ from palletloc.choices import Method
 from palletloc.cli.app import run
 from palletloc.io.measurements import NoPose, read_measurements, write_measurements
 from palletloc.measurement import PalletMeasurement
-from palletloc.report.shot_stages import run_method
+from palletloc.report.worst_shots import run_method
 from tests.palletloc.cli.sample_runs import SAMPLE, evaluate
 
 

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
@@ -97,8 +98,8 @@ def test_a_camera_that_files_do_not_know_is_refused() -> None:
         pass
 
     assert spec_from_camera(Other(4, 2)).model == "equirectangular"
-    with pytest.raises(ValueError, match="of the kind object has no form in files"):
-        spec_from_camera(cast("CameraModel", object()))
+    with pytest.raises(ValueError, match="of the kind SimpleNamespace has no form in files"):
+        spec_from_camera(cast("CameraModel", SimpleNamespace(width=4, height=2)))
 
 
 def test_the_rotation_is_yaw_after_pitch_after_roll() -> None:

@@ -24,7 +24,6 @@ POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
 CONFIG = SearchConfig()
 EVERY = SearchConfig(kept=10_000, peaks=12, min_score=-1e3, min_share=-1e3, apart=1e-9, apart_deg=1e-9)
 EXTENT = (-0.95, 0.95, -0.25, 0.45)
-NAMES = pytest.mark.parametrize("name", ["epal", "t11", "open_below"])
 Portrait = Callable[..., Shot]
 
 
@@ -63,7 +62,6 @@ def nearest(found: HypothesisScores, truth: LevelPose) -> tuple[float, float]:
     return min(away)
 
 
-@NAMES
 @pytest.mark.parametrize(
     "motion",
     [
@@ -82,18 +80,13 @@ def nearest(found: HypothesisScores, truth: LevelPose) -> tuple[float, float]:
     ids=str,
 )
 def test_the_true_pose_has_a_better_score_than_any_other(
-    name: str, motion: dict[str, float], portrait: Portrait, request: pytest.FixtureRequest
+    model: PalletModel, motion: dict[str, float], portrait: Portrait
 ) -> None:
-    model: PalletModel = request.getfixturevalue(name)
     patch = patch_at(portrait(model, POSE), POSE)
     assert score_pose(patch, model, POSE) > score_pose(patch, model, moved(POSE, **motion)) + 0.05
 
 
-@NAMES
-def test_scores_are_at_most_1_and_a_pallet_is_far_from_nothing(
-    name: str, portrait: Portrait, request: pytest.FixtureRequest
-) -> None:
-    model: PalletModel = request.getfixturevalue(name)
+def test_scores_are_at_most_1_and_a_pallet_is_far_from_nothing(model: PalletModel, portrait: Portrait) -> None:
     shot = portrait(model, POSE)
     assert 0.4 < score_pose(patch_at(shot, POSE), model, POSE) <= 1.0
     plain = replace(shot, image=np.full_like(shot.image, 90))
@@ -122,12 +115,10 @@ def test_a_single_hypothesis_is_scored_as_its_pose_is(right: float, portrait: Po
     assert peak.score == pytest.approx(score_pose(patch, t11, base), abs=3e-3)
 
 
-@NAMES
 @pytest.mark.parametrize(("depth", "turn_deg"), [(0.0, 0.0), (0.2, 10.0), (-0.2, -10.0), (0.2, -10.0)])
 def test_a_wide_grid_has_a_peak_at_the_truth(
-    name: str, depth: float, turn_deg: float, portrait: Portrait, request: pytest.FixtureRequest
+    model: PalletModel, depth: float, turn_deg: float, portrait: Portrait
 ) -> None:
-    model: PalletModel = request.getfixturevalue(name)
     shot = portrait(model, POSE)
     x, y = shot.mounting.center[:2] + (1 + depth / 2.2) * (np.array([POSE.x, POSE.y]) - shot.mounting.center[:2])
     base = LevelPose(float(x), float(y), POSE.z, POSE.yaw + float(np.radians(turn_deg)))

@@ -138,12 +138,10 @@ def test_the_upper_edge_has_no_say_where_a_load_may_begin_there(epal: PalletMode
     assert yaw_from_level_lines(turned(epal, BELOW, 0.01, [EdgeKind.TOP]), ERROR_PX) is not None
 
 
-@pytest.mark.parametrize("name", ["epal", "t11", "open_below"])
 @pytest.mark.parametrize("turn", [0.0, -0.1])
 def test_on_a_pallet_on_the_floor_the_lines_agree_with_the_truth(
-    name: str, turn: float, portrait: Callable[..., Shot], request: pytest.FixtureRequest
+    model: PalletModel, turn: float, portrait: Callable[..., Shot]
 ) -> None:
-    model: PalletModel = request.getfixturevalue(name)
     pose = replace(POSE, yaw=POSE.yaw + turn)
     fit = measure_refined(portrait(model, pose), Candidate(model, pose, FLOOR), CONFIG).fit
     assert fit is not None

@@ -226,11 +226,7 @@ def test_edges_that_scatter_more_than_they_should_widen_the_covariance(t11: Pall
     assert (np.diag(loud.covariance) > 2.0 * np.diag(quiet.covariance)).all()
 
 
-@pytest.mark.parametrize("name", ["epal", "t11", "open_below"])
-def test_a_covariance_is_symmetric_and_positive_definite(
-    name: str, mounting: Mounting, request: pytest.FixtureRequest
-) -> None:
-    model: PalletModel = request.getfixturevalue(name)
+def test_a_covariance_is_symmetric_and_positive_definite(model: PalletModel, mounting: Mounting) -> None:
     system = FaceEquations(seen_face(model, mounting), POSE, mounting, model)
     system.add_slopes(0.1)
     covariance = system.solve().covariance

@@ -26,59 +26,19 @@ def format_block(block: GsiBlock) -> str:
 
 
 def write_gsi(path: Path, blocks: Iterable[GsiBlock], ending: str = "\r\n") -> None:
-    """Write blocks as a GSI file, whole or not at all.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    blocks : iterable of GsiBlock
-        Its lines.
-    ending : str
-        What ends each line.
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written.
-    """
+    """Write blocks as a GSI file, whole or not at all."""
     write_bytes(path, "".join(format_block(block) + ending for block in blocks).encode("utf-8"))
 
 
 def point_block(number: int, name: str, position: FloatArray, *, unit: str = "6", wide: bool = True) -> GsiBlock:
-    """Return the block of a point with its coordinates.
-
-    Parameters
-    ----------
-    number : int
-        Of the block, 1 to 9999.
-    name : str
-        The point's name, at most 8 characters, or 16 in a wide block.
-    position : (3,) array
-        Easting, northing and height, in metres.
-    unit : str
-        Unit digit of the coordinates.
-    wide : bool
-        Whether to write GSI-16.
-
-    Raises
-    ------
-    ValueError
-        If the name or a coordinate does not fit.
-    """
+    """Return the block of a point with its (3,) easting, northing and height, in metres."""
     coordinates = zip(("81", "82", "83"), np.asarray(position, dtype=np.float64), strict=True)
     words = [measured_word(index, float(value), unit, wide=wide, info="..4") for index, value in coordinates]
     return GsiBlock(number, wide, (text_word("11", name, wide=wide, info=f"{number:04d}"), *words))
 
 
 def text_word(index: str, text: str, *, wide: bool = True, info: str = "....") -> GsiWord:
-    """Return a word that holds a text.
-
-    Raises
-    ------
-    ValueError
-        If the text is empty, too long, or starts with a zero (which the format cannot tell from its filling).
-    """
+    """Return a word that holds a text of at most 8 characters, or 16 in a wide one; ValueError if it cannot."""
     width = 16 if wide else 8
     filled = text.startswith("0") and text != "0"
     if not text or len(text) > width or not text.isprintable() or text != text.strip() or filled:
@@ -87,26 +47,7 @@ def text_word(index: str, text: str, *, wide: bool = True, info: str = "....") -
 
 
 def measured_word(index: str, value: float, unit: str, *, wide: bool = True, info: str = "...") -> GsiWord:
-    """Return a word that holds an angle or a length, rounded to the unit's last digit.
-
-    Parameters
-    ----------
-    index : str
-        Word index.
-    value : float
-        In radians or metres.
-    unit : str
-        Unit digit.
-    wide : bool
-        Whether the data have 16 characters.
-    info : str
-        Information before the unit digit: three characters, or two after an index of three digits.
-
-    Raises
-    ------
-    ValueError
-        If the word is neither angle nor length, the unit does not fit it, or the value does not fit the width.
-    """
+    """Return a word that holds an angle or a length, in radians or metres, rounded to the unit's last digit."""
     width = 16 if wide else 8
     kind = GsiWord(index, info + unit, "+", "0" * width).kind
     if kind is Kind.ANGLE and unit == SEXAGESIMAL:

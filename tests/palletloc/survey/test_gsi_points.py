@@ -212,7 +212,7 @@ def test_coordinates_that_disagree_with_their_own_angles_are_noted() -> None:
 def test_faces_of_a_real_instrument_agree_within_seconds(shared_data: Path) -> None:
     found = read_gsi_points(shared_data / "gsi" / "two_faces.gsi")
     assert len(found.faces) > 60
-    errors = np.degrees([[one.index, one.collimation] for one in found.faces]) * 3600
+    errors = np.degrees([[pair.index, pair.collimation] for pair in found.faces]) * 3600
     assert np.median(np.abs(errors)) < 2
     assert (np.abs(errors).max(axis=1) > 10).sum() == 1
 

@@ -45,8 +45,8 @@ def test_exact_sights_give_the_exact_station(count: int) -> None:
 
 def test_sights_reduced_from_the_station_are_the_known_points() -> None:
     station = resect(sights(), KNOWN).station
-    for one in sights():
-        assert_allclose(reduce_sight(one, station), KNOWN[one.name], atol=1e-9)
+    for sight in sights():
+        assert_allclose(reduce_sight(sight, station), KNOWN[sight.name], atol=1e-9)
 
 
 def test_the_second_face_and_a_sight_without_distance_help_as_well() -> None:
@@ -63,12 +63,12 @@ def test_the_covariance_and_the_residuals_are_true(rng: np.random.Generator) -> 
     for _ in range(count):
         noisy = [
             replace(
-                one,
-                horizontal=one.horizontal + rng.normal(0, SIGMA.angle / math.sin(one.zenith)),
-                zenith=one.zenith + rng.normal(0, SIGMA.angle),
-                distance=(one.distance or 0) + rng.normal(0, SIGMA.distance + SIGMA.per_metre * (one.distance or 0)),
+                sight,
+                horizontal=sight.horizontal + rng.normal(0, SIGMA.angle / math.sin(sight.zenith)),
+                zenith=sight.zenith + rng.normal(0, SIGMA.angle),
+                distance=(far := sight.distance or 0.0) + rng.normal(0, SIGMA.distance + SIGMA.per_metre * far),
             )
-            for one in sights()
+            for sight in sights()
         ]
         found = resect(noisy, KNOWN, SIGMA)
         turn = wrap_angle(found.station.orientation - STATION.orientation)

@@ -156,8 +156,8 @@ def test_angles_and_distances_alone_give_the_same_truth_as_coordinates(shared_da
     (truth / "survey.gsi").write_bytes(b"\xef\xbb\xbf" + "\r".join(lines).encode())
     (truth / "survey.yaml").write_text((folder / "survey.yaml").read_text())
     polar_truth, given = read_surveyed_truth(tmp_path), read_surveyed_truth(shared_data / "dev_lab")
-    for one, other in zip(polar_truth.stops, given.stops, strict=True):
-        for pose, expected in zip(one.poses, other.poses, strict=True):
+    for stop, other in zip(polar_truth.stops, given.stops, strict=True):
+        for pose, expected in zip(stop.poses, other.poses, strict=True):
             assert np.abs(expected.normalized_error(pose.forklift_from_pallet)).max() < 0.5
 
 

@@ -18,6 +18,7 @@ from palletloc.__main__ import COMMANDS
 from palletloc.cameras import Equirectangular, Pinhole
 from palletloc.cli.app import run
 from tests.calibration.simulated_yard import Yard, YardErrors, boards_around, simulate_yard
+from tests.calibration.yard_folder import set_key
 
 CAMERA = Equirectangular(3840, 1920)
 BOARD, TAG = CharucoBoard(4, 3, 0.12, 0.09, "DICT_4X4_250"), SingleTag(0.2, "DICT_APRILTAG_36h11", 0)
@@ -53,7 +54,7 @@ def test_what_is_predicted_is_what_the_fit_states(
     np.testing.assert_allclose(actual, expected, rtol=1e-6, atol=1e-6 * expected.max())
 
 
-@pytest.mark.parametrize("count", [40, pytest.param(400, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [16, pytest.param(400, marks=pytest.mark.slow)])
 def test_simulated_calibrations_scatter_as_predicted(forklift_from_camera: RigidTransform, count: int) -> None:
     azimuths, errors = (0.4, 2.0, -2.6, -1.2), YardErrors(survey=0.001, bearing=2e-4)
     boards = boards_around(forklift_from_camera.translation, azimuths, 0)
@@ -187,16 +188,6 @@ def test_a_target_that_is_not_seen_gives_nothing() -> None:
     np.testing.assert_allclose(told.prediction.without(2), told.prediction.sigma)
 
 
-def key(*keys: str, value: object) -> Callable[[dict[str, Any]], None]:
-    def change(content: dict[str, Any]) -> None:
-        place: Any = content
-        for key in keys[:-1]:
-            place = place[key]
-        place[keys[-1]] = value
-
-    return change
-
-
 def turned(content: dict[str, Any]) -> None:
     content["targets"]["T0"]["facing_deg"] = 0.0
 
@@ -219,13 +210,15 @@ def test_targets_that_will_not_be_found_are_named(
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (key("targets", "T1", "tag", "id", value=0), "has the marker 0"),
-        (key("targets", "T1", "facing_degrees", value=0), "did you mean 'facing_deg'?"),
+        (set_key("targets", "T1", "tag", "id", value=0), "has the marker 0"),
+        (set_key("targets", "T1", "facing_degrees", value=0), "did you mean 'facing_deg'?"),
         (
-            key("targets", "T1", "corners_m", value=dict.fromkeys(("top_left", "top_right", "bottom_left"), FRONT)),
+            set_key(
+                "targets", "T1", "corners_m", value=dict.fromkeys(("top_left", "top_right", "bottom_left"), FRONT)
+            ),
             "targets.T1: expected one of the keys corners_m and center_m",
         ),
-        (key("corner_px", value=0.1), "expected one of the keys corner_px and corner_deg"),
+        (set_key("corner_px", value=0.1), "expected one of the keys corner_px and corner_deg"),
         (lambda content: content.pop("forklift_from_camera"), "forklift_from_camera: is missing"),
     ],
 )

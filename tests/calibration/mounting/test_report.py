@@ -3,31 +3,30 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
-import yaml
 from scipy.spatial.transform import RigidTransform
 
 from calibration import calibrate_mounting
 from calibration.mounting.report import mounting_page
-from calibration.outcome import write_result
-from calibration.targets.targets import CharucoBoard, on_board, patterns
+from calibration.result_page import write_result
 from palletloc.__main__ import COMMANDS
-from palletloc.cameras import Equirectangular
 from palletloc.cli.app import run
 from palletloc.geometry import Image
 from palletloc.io.camera_spec import transform_from_angles
 from palletloc.io.recording import read_recording
-from tests.calibration.simulated_yard import boards_around
+from tests.calibration.yard_folder import (
+    CAMERA,
+    CORNERS,
+    board_key,
+    calibrate,
+    copied,
+    render_yard,
+    set_key,
+    write,
+)
 
-CAMERA = Equirectangular(1280, 640)
-AZIMUTHS = (0.6, 2.2, -2.2, -0.9)
 DEV_YARD = Path(__file__).resolve().parents[3].parent / "shared/data/dev_yard"
-
-
-def board(number: int) -> CharucoBoard:
-    return CharucoBoard(4, 3, 0.2, 0.15, "DICT_4X4_50", 6 * number)
 
 
 @pytest.fixture(scope="module")
@@ -36,38 +35,21 @@ def folder(
 ) -> Path:
     """Return a folder with a shot of four surveyed boards."""
     folder = tmp_path_factory.mktemp("yard")
-    poses = boards_around(forklift_from_camera.translation, AZIMUTHS, 3)
-    camera_from_forklift = forklift_from_camera.inv()
-    shot = render(CAMERA, [(board(k), camera_from_forklift * pose) for k, pose in enumerate(poses)])
-    cv2.imwrite(str(folder / "shot.png"), shot)
-    rng = np.random.default_rng(0)
-    targets = {}
-    for k, pose in enumerate(poses):
-        points = pose.apply(on_board(patterns(board(k))[0].outline)) + rng.normal(0, 0.0005, (3, 3))
-        corners = dict(zip(("top_left", "top_right", "bottom_left"), points.round(5).tolist(), strict=True))
-        spec = {"columns": 4, "rows": 3, "square_m": 0.2, "marker_m": 0.15, "dictionary": "DICT_4X4_50"}
-        targets[f"B{k}"] = {"charuco": spec | {"first_id": 6 * k}, "corners_m": corners, "sigma_m": 0.0005}
-    write(folder, {"format": 1, "camera": {"model": "equirectangular", "width": 1280, "height": 640},
-                   "shots": ["shot.png"], "targets": targets})  # fmt: skip
+    rng, targets = np.random.default_rng(0), {}
+    for k, points in enumerate(render_yard(folder, render, forklift_from_camera)):
+        surveyed = (points + rng.normal(0, 0.0005, (3, 3))).round(5).tolist()
+        corners = dict(zip(CORNERS, surveyed, strict=True))
+        targets[f"B{k}"] = board_key(k) | {"corners_m": corners, "sigma_m": 0.0005}
+    write(folder, {"targets": targets})
     return folder
-
-
-def write(folder: Path, content: dict[str, Any]) -> None:
-    (folder / "extrinsics.yaml").write_text(yaml.safe_dump(content))
 
 
 def variant(folder: Path, place: Path, change: Callable[[dict[str, Any]], None]) -> Path:
     """Return a copy of the folder with another extrinsics.yaml."""
-    place.mkdir()
-    (place / "shot.png").write_bytes((folder / "shot.png").read_bytes())
-    content = yaml.safe_load((folder / "extrinsics.yaml").read_text())
+    content = copied(folder, place)
     change(content)
     write(place, content)
     return place
-
-
-def calibrate(folder: Path, out: Path) -> int:
-    return run(["calibrate", "extrinsics", str(folder), "--out", str(out)], COMMANDS)
 
 
 def test_a_yard_gives_a_rig_that_a_recording_takes(
@@ -133,16 +115,6 @@ def test_a_single_board_is_degenerate(folder: Path, tmp_path: Path, capsys: pyte
     assert [(reason["code"], bool(reason["what"]), bool(reason["how"])) for reason in reasons] == [
         ("one_target", True, True)
     ]
-
-
-def set_key(*keys: str | int, value: object) -> Callable[[dict[str, Any]], None]:
-    def change(content: dict[str, Any]) -> None:
-        place: Any = content
-        for key in keys[:-1]:
-            place = place[key]
-        place[keys[-1]] = value
-
-    return change
 
 
 @pytest.mark.parametrize(

@@ -291,7 +291,7 @@ def _evaluate_batch(jobs: Sequence[BatchJob], folder: Path, out: Path, work: _Wo
 
 
 def _evaluated(jobs: Sequence[BatchJob], work: _Work) -> Iterator[BatchResult]:
-    """Yield the results as they come, and tell of failures."""
+    """Yield the results as they come, and print failures."""
     from palletloc.report.evaluation_page import report_job  # drawing is slow to import
 
     console, job = Console(stderr=True), partial(report_job, with_pictures=work.with_pictures)

@@ -58,7 +58,7 @@ _FORKLIFT = LevelPose(0.0, 0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunFiles:
-    """What a run says of a recording."""
+    """The estimates of a run over a recording."""
 
     name: str
     """What it is called in results."""

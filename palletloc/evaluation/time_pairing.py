@@ -32,7 +32,7 @@ class TimePairs:
     """(k,) indices in the first series."""
     second: IntArray
     """(k,) indices in the second series."""
-    apart: FloatArray
+    differences: FloatArray
     """(k,) time of the second minus that of the first, in seconds."""
 
 
@@ -109,9 +109,9 @@ def nearest_pairs(first: FloatArray, second: FloatArray, limit: float) -> TimePa
         return TimePairs(none, none, np.zeros(0))
     order = np.argsort(second, kind="stable")
     partner = order[_nearest_in_order(first, second[order])]
-    apart = second[partner] - first
-    kept = np.flatnonzero(np.abs(apart) <= limit)
-    return TimePairs(kept, partner[kept], apart[kept])
+    differences = second[partner] - first
+    kept = np.flatnonzero(np.abs(differences) <= limit)
+    return TimePairs(kept, partner[kept], differences[kept])
 
 
 def _nearest_in_order(wanted: FloatArray, samples: FloatArray) -> IntArray:

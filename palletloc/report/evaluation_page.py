@@ -37,7 +37,7 @@ _VERDICTS = {
     Verdict.NOT_MET: "The requirement is not met",
     Verdict.UNDECIDED: "Too few errors to decide on the requirement",
 }
-"""What the page says of each verdict."""
+"""The sentence for each verdict."""
 _SUMMARY = (
     Column("source", is_text=True),
     Column("error", is_text=True),
@@ -213,7 +213,7 @@ def _worst(shots: Sequence[WorstShot]) -> Iterator[str]:
         else:
             yield paragraph(text + (f" No picture: {shot.problem}." if shot.problem else ""))
         if shot.stages:
-            yield folded(shot.stages.told, _stages(shot.stages), is_open=number == 0)
+            yield folded(shot.stages.title, _stages(shot.stages), is_open=number == 0)
 
 
 def _stages(stages: ShotStages) -> Iterator[str]:

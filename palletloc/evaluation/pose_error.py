@@ -13,6 +13,7 @@ from typing import Protocol
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
+from palletloc.choices import MAX_RANGE
 from palletloc.errors import PalletLocError, nearest_name
 from palletloc.evaluation.statistics import nees, normalised
 from palletloc.geometry import FloatArray, LevelPose, level_pose
@@ -46,7 +47,7 @@ class PlacedPallet(Protocol):
 class Visibility:
     """Which true pallets count as visible in a shot: those a method can be blamed for missing."""
 
-    max_range: float = 4.5
+    max_range: float = MAX_RANGE
     """Farthest middle of the lower edge from the camera, in metres."""
     min_bearing_deg: float = 6.0
     """Least angle of the face's ends from the camera's forward axis, in degrees."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
+from palletloc.choices import NEAREST_LIMIT, TimeRule
 from palletloc.evaluation.pose_error import (
     EvaluationError,
     PalletEstimate,
@@ -19,7 +20,7 @@ from palletloc.evaluation.pose_error import (
     true_faces,
 )
 from palletloc.evaluation.statistics import Proportion, clopper_pearson
-from palletloc.evaluation.time_pairing import TimeRule, brackets, nearest_pairs, require_overlap
+from palletloc.evaluation.time_pairing import brackets, nearest_pairs, require_overlap
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.trajectory import Trajectory
 
@@ -27,8 +28,6 @@ PAIRING_DISTANCE = 0.5
 """Farthest that a measurement may lie from the pallet it belongs to, in metres."""
 SAME_TIME = 1e-3
 """Within which a measurement's time is a shot's, in seconds."""
-NEAREST_LIMIT = 0.01
-"""How far a nearest sample of the truth may lie from a shot, in seconds: at 1 m/s the forklift moves 1 cm."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,15 +12,6 @@ from palletloc.geometry import FloatArray
 
 IntArray = NDArray[np.int64]
 """Array of indices."""
-
-
-class TimeRule(StrEnum):
-    """How a value at a wanted time is taken from samples."""
-
-    NEAREST = "nearest"
-    """The sample nearest in time."""
-    INTERPOLATED = "interpolated"
-    """Between the samples before and after; never outside the first and last one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,13 +7,13 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from palletloc.choices import TimeRule
 from palletloc.drawing.canvas import DEGREE, small_png
 from palletloc.evaluation.batch import BatchJob, BatchResult, evaluate_job
 from palletloc.evaluation.recording import EvaluatedRecording
 from palletloc.evaluation.requirement import RequirementCheck, Verdict
 from palletloc.evaluation.run import EvaluatedRun, EvaluatedSource, Settings
 from palletloc.evaluation.statistics import chi_square_check
-from palletloc.evaluation.time_pairing import TimeRule
 from palletloc.evaluation.truth import RecordingTruth
 from palletloc.report.approach_figures import aisle_figure, approach_figure
 from palletloc.report.error_figures import distance_figure, histogram_figure

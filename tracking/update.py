@@ -21,7 +21,7 @@ from tracking.gating import Association, chi_square_limit
 from tracking.motion import Motion
 from tracking.observation import ALL, Observation
 from tracking.state import POSE, Gaussian, Key, TrackGroup, regrouped
-from tracking.track import Rival, Track, floor_sigma
+from tracking.track import Contradiction, Track, floor_sigma
 
 _KEY = attrgetter("key")
 """By which tracks are put in order."""
@@ -188,10 +188,10 @@ def _predicted(before: Belief, motion: Motion, model: UpdateModel) -> tuple[list
     groups = model.filter.predict_groups(before.groups, motion)
     states = {key: state for group in groups for key, state in group.members.items()}
     tracks = [track.moved(states[track.key]) for track in before.tracks]
-    rivals = {i: track.rival for i, track in enumerate(tracks) if track.rival is not None}
-    after = model.filter.predict([rival.state for rival in rivals.values()], motion)
-    for (i, rival), state in zip(rivals.items(), after, strict=True):
-        tracks[i] = replace(tracks[i], rival=replace(rival, state=state))
+    contradictions = {i: track.contradiction for i, track in enumerate(tracks) if track.contradiction is not None}
+    after = model.filter.predict([contradiction.state for contradiction in contradictions.values()], motion)
+    for (i, contradiction), state in zip(contradictions.items(), after, strict=True):
+        tracks[i] = replace(tracks[i], contradiction=replace(contradiction, state=state))
     return tracks, groups
 
 
@@ -258,22 +258,25 @@ def _contradicted(track: Track, observation: Observation, time: float, model: Up
     """
     if not observation.is_whole or track.seen == time:
         return track, False
-    rival, life = _rival(track.rival, observation, model), model.config.life
-    if rival.hits < life.recovery_hits:
-        return replace(track, rival=rival), False
-    confirmed = track.confirmed or rival.hits >= life.confirm_hits
-    return Track(track.key, rival.model, rival.state, time, rival.hits, confirmed=confirmed), True
+    contradiction, life = _contradiction(track.contradiction, observation, model), model.config.life
+    state, hits = contradiction.state, contradiction.hits
+    if hits < life.recovery_hits:
+        return replace(track, contradiction=contradiction), False
+    confirmed = track.confirmed or hits >= life.confirm_hits
+    return Track(track.key, contradiction.model, state, time, hits, confirmed=confirmed), True
 
 
-def _rival(rival: Rival | None, observation: Observation, model: UpdateModel) -> Rival:
-    """Return a rival after one more rejected measurement; it begins anew where that does not agree with it."""
+def _contradiction(
+    contradiction: Contradiction | None, observation: Observation, model: UpdateModel
+) -> Contradiction:
+    """Return a contradiction after one more rejected measurement, or a new one where that does not agree with it."""
     group_filter = model.filter
-    if rival is not None and rival.model == observation.model:
+    if contradiction is not None and contradiction.model == observation.model:
         limit = chi_square_limit(model.config.gate.probability, len(ALL))
-        if group_filter.innovation(rival.state, observation).distance <= limit:
-            state = group_filter.update(rival.state, [(0, Association(observation))])
-            return Rival(state, rival.model, rival.hits + 1)
-    return Rival(group_filter.begin(observation), observation.model, 1)
+        if group_filter.innovation(contradiction.state, observation).distance <= limit:
+            state = group_filter.update(contradiction.state, [(0, Association(observation))])
+            return Contradiction(state, contradiction.model, contradiction.hits + 1)
+    return Contradiction(group_filter.begin(observation), observation.model, 1)
 
 
 def _exclusive(tracks: Sequence[Track], model: UpdateModel) -> tuple[list[Track], list[tuple[Key, str]]]:

@@ -154,14 +154,14 @@ def stop_accuracy(offsets: FloatArray) -> StopAccuracy:
     distance = np.linalg.norm(positions - mean, axis=1)
     # about their direction, so that errors near half a turn do not cancel
     direction = float(np.angle(np.exp(1j * yaw).sum()))
-    beside = wrap_angle(yaw - direction)
+    deviations = wrap_angle(yaw - direction)
     return StopAccuracy(
         n=len(offsets),
         mean=mean,
         ap=float(np.linalg.norm(mean)),
         rp=float(distance.mean()) + 3 * _scatter(distance),
-        ap_yaw=wrap_angle(direction + float(beside.mean())),
-        rp_yaw=3 * _scatter(beside),
+        ap_yaw=wrap_angle(direction + float(deviations.mean())),
+        rp_yaw=3 * _scatter(deviations),
     )
 
 

@@ -91,7 +91,7 @@ _OWN = (
 
 @dataclass(frozen=True, slots=True)
 class DemoResult:
-    """What the page tells."""
+    """What the page shows."""
 
     run: EvaluatedRun
     """Single shots and tracks against the truth."""
@@ -125,7 +125,7 @@ def demo_page(result: DemoResult) -> str:
     Parameters
     ----------
     result : DemoResult
-        What to tell.
+        What to show.
     """
     parts = (_summary(result), _steps(result), _tracks(result), _truth(result), _next())
     return page("palletloc demo", [html for part in parts for html in part])

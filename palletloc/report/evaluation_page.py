@@ -7,13 +7,13 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from palletloc.choices import TimeRule
 from palletloc.drawing.canvas import DEGREE, small_png
 from palletloc.evaluation.batch import BatchJob, BatchResult, evaluate_job
 from palletloc.evaluation.recording import EvaluatedRecording
 from palletloc.evaluation.requirement import RequirementCheck, Verdict
 from palletloc.evaluation.run import EvaluatedRun, EvaluatedSource, Settings
 from palletloc.evaluation.statistics import chi_square_check
-from palletloc.evaluation.time_pairing import TimeRule
 from palletloc.evaluation.truth import RecordingTruth
 from palletloc.report.approach_figures import aisle_figure, approach_figure
 from palletloc.report.error_figures import distance_figure, histogram_figure
@@ -37,7 +37,7 @@ _VERDICTS = {
     Verdict.NOT_MET: "The requirement is not met",
     Verdict.UNDECIDED: "Too few errors to decide on the requirement",
 }
-"""What the page says of each verdict."""
+"""The sentence for each verdict."""
 _SUMMARY = (
     Column("source", is_text=True),
     Column("error", is_text=True),
@@ -213,7 +213,7 @@ def _worst(shots: Sequence[WorstShot]) -> Iterator[str]:
         else:
             yield paragraph(text + (f" No picture: {shot.problem}." if shot.problem else ""))
         if shot.stages:
-            yield folded(shot.stages.told, _stages(shot.stages), is_open=number == 0)
+            yield folded(shot.stages.title, _stages(shot.stages), is_open=number == 0)
 
 
 def _stages(stages: ShotStages) -> Iterator[str]:

@@ -124,12 +124,11 @@ def test_the_list_of_commands_says_what_the_commands_say_themselves() -> None:
         assert text.strip().splitlines()[0] == command.summary
 
 
-def test_bad_input_is_one_line_and_exit_code_1(commands: list[Command], capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_input_and_an_unreadable_file_are_one_line_and_exit_code_1(
+    commands: list[Command], capsys: pytest.CaptureFixture[str]
+) -> None:
     assert run(["refuses"], commands) == 1
     assert capsys.readouterr() == ("", "palletloc: shots.csv, line 3: 'time_s' is not a number\n")
-
-
-def test_an_unreadable_file_is_named_in_one_line(commands: list[Command], capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["cannot-read"], commands) == 1
     assert capsys.readouterr().err == f"palletloc: {Path('no/such/file.csv')}: No such file or directory\n"
 
@@ -147,12 +146,9 @@ def test_an_interrupt_is_one_line_and_code_130(commands: list[Command], capsys: 
     assert capsys.readouterr() == ("", "palletloc: interrupted\n")
 
 
-def test_wrong_usage_is_exit_code_2(commands: list[Command]) -> None:
+def test_wrong_usage_is_exit_code_2_and_success_0_and_needs_no_other_command(commands: list[Command]) -> None:
     for arguments in (["no-such-command"], ["--no-such-option"], ["succeeds", "more"], []):
         assert run(arguments, commands) == 2
-
-
-def test_success_is_exit_code_0_and_needs_no_other_command(commands: list[Command]) -> None:
     assert run(["succeeds"], commands) == 0
     assert run(["--help"], commands) == 0
 

@@ -90,12 +90,9 @@ def test_texts_of_the_table_do_not_cover_each_other(recording: Recording) -> Non
         assert not any(box.overlaps(other) for i, box in enumerate(boxes) for other in boxes[:i])
 
 
-def test_pallets_at_one_height_only_fill_the_page(recording: Recording) -> None:
+def test_one_height_only_fills_the_page_and_an_error_of_nothing_is_drawn_at_the_border(recording: Recording) -> None:
     figure = method_figure(recording, Truth(FORKLIFT, (LOW,)), {"a": [measured(0.0, 0.01, 0.01)]})
     assert sum(axes.get_yscale() == "log" for axes in figure.axes) == 2
-
-
-def test_an_error_of_nothing_is_drawn_at_the_border(recording: Recording) -> None:
     figure = method_figure(recording, TRUTH, {"a": [measured(0.0, 0.0, 0.0)]})
     assert all(np.isfinite(line).all() and (line[:, 1] > 0).all() for line in drawn(figure, "#0072b2")[0])
 

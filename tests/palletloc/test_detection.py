@@ -60,14 +60,13 @@ def test_the_most_promising_detection_of_each_model_is_its_pallet(floor_shot: Sh
         assert promises == sorted(promises, reverse=True)
 
 
-def test_without_levels_the_whole_plane_is_searched(rack_shot: Shot, rack_pallets: Pallets) -> None:
+def test_each_band_is_searched_where_there_are_levels_and_else_the_whole_plane(
+    rack_shot: Shot, rack_pallets: Pallets
+) -> None:
     found, views = detected(rack_shot, [rack_pallets[0][0]], replace(SHELF, levels=()))
     assert len(views) == 1
     assert all(detection.level is None for detection in found)
     assert all(hits(found, model, pose) for model, pose in rack_pallets)
-
-
-def test_with_levels_each_band_is_searched_for_what_stands_there(rack_shot: Shot, rack_pallets: Pallets) -> None:
     levels = tuple(pose.z for _, pose in rack_pallets)
     found, views = detected(rack_shot, [rack_pallets[0][0]], replace(SHELF, levels=levels))
     assert len(views) == len(levels)
@@ -238,14 +237,12 @@ def test_a_drift_moves_the_places_of_each_placement(epal: PalletModel, draw_face
         )
 
 
-def test_a_face_shifted_by_an_opening_scores_less(epal: PalletModel, draw_face: Draw) -> None:
+def test_a_face_shifted_by_an_opening_scores_less_and_beyond_the_view_little(
+    epal: PalletModel, draw_face: Draw
+) -> None:
     view = draw_face(epal, GRID, CAMERA)
     score = match_template(template_of(view, epal), GRID, CAMERA, here(), np.array([0.0, 0.5275, -0.5275]))[0]
     assert score[0] > max(score[1:]) + 0.2
-
-
-def test_beyond_the_view_there_is_no_error(epal: PalletModel, draw_face: Draw) -> None:
-    view = draw_face(epal, GRID, CAMERA)
     score = match_template(template_of(view, epal), GRID, CAMERA, here(height=3.0), np.array([-40.0, 40.0]))
     assert np.isfinite(score).all()
     assert score.max() < 0.3

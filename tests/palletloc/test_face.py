@@ -217,13 +217,10 @@ def test_a_line_of_which_one_stretch_is_hidden_counts_by_what_was_measured(t11: 
         assert next(account.fate for account in accounts if account.edge == line.whole) is fate
 
 
-def test_what_a_beam_hides_from_below_is_not_expected(t11: PalletModel) -> None:
+def test_from_below_a_beam_hides_and_from_above_a_load_may_begin(t11: PalletModel) -> None:
     kinds = {account.edge.kind for account in account_edges(face([], [], FROM_BELOW), t11)}
     assert EdgeKind.BOTTOM not in kinds
     assert EdgeKind.TOP in kinds
-
-
-def test_a_load_may_begin_at_the_upper_edge_seen_from_above(t11: PalletModel) -> None:
     for camera, loaded in ((FROM_ABOVE, {EdgeKind.TOP}), (FROM_BELOW, set())):
         accounts = account_edges(face([], [], camera), t11)
         assert {account.edge.kind for account in accounts if account.loaded} == loaded
@@ -257,8 +254,12 @@ def moved(along_ray: float = 0.0, sideways: float = 0.0, turn: float = 0.0) -> L
     return replace(BASE, x=BASE.x + step[0], y=BASE.y + step[1], yaw=BASE.yaw + turn)
 
 
-def test_the_base_is_in_its_place() -> None:
+def test_turns_and_factors_become_yaws_and_distances_from_the_base_even_across_the_seam() -> None:
     assert AXES.place(BASE) == pytest.approx([BASE.yaw, 2.5])
+    axes = replace(AXES, base=replace(BASE, yaw=3.1))
+    assert axes.place(replace(BASE, yaw=-3.1))[0] == pytest.approx(2 * np.pi - 3.1)
+    assert AXES.yaws(np.array([-0.1, 0.2])) == pytest.approx([1.3, 1.6])
+    assert AXES.ranges(np.array([0.9, 1.2])) == pytest.approx([2.25, 3.0])
 
 
 @given(st.floats(-1.0, 1.0), st.floats(-0.3, 0.3), st.floats(-3.0, 3.0))
@@ -270,22 +271,12 @@ def test_a_step_along_the_ray_changes_the_distance_and_one_sideways_does_not(
     assert away == pytest.approx(2.5 + along_ray)
 
 
-def test_a_yaw_across_the_seam_stays_next_to_the_bases() -> None:
-    axes = replace(AXES, base=replace(BASE, yaw=3.1))
-    assert axes.place(replace(BASE, yaw=-3.1))[0] == pytest.approx(2 * np.pi - 3.1)
-
-
 def test_the_covariance_is_that_of_moved_places() -> None:
     rng = np.random.default_rng(1)
     factor = rng.normal(size=(4, 4)) * 1e-3
     drawn = BASE.as_array() + rng.normal(size=(20_000, 4)) @ factor.T
     places = np.array([AXES.place(LevelPose(*row)) for row in drawn])
     assert AXES.covariance(factor @ factor.T) == pytest.approx(np.cov(places.T), rel=0.06, abs=2e-7)
-
-
-def test_turns_and_factors_become_yaws_and_distances() -> None:
-    assert AXES.yaws(np.array([-0.1, 0.2])) == pytest.approx([1.3, 1.6])
-    assert AXES.ranges(np.array([0.9, 1.2])) == pytest.approx([2.25, 3.0])
 
 
 def test_names_run_from_left_to_right(floor_localizer: Makes, floor_shot: Shot, floor_pallets: Pallets) -> None:

@@ -184,7 +184,9 @@ def test_what_is_hidden_at_a_side_makes_no_pose_surer(side: str, model: PalletMo
         assert (sigmas[1] > 0.9 * sigmas[0]).all()
 
 
-def test_a_hidden_edge_counts_as_half_a_missing_one(t11: PalletModel, portrait: Portrait) -> None:
+def test_a_hidden_edge_counts_half_and_more_hidden_than_allowed_is_refused(
+    t11: PalletModel, portrait: Portrait
+) -> None:
     found = estimate(behind(portrait(t11, POSE), 0.2, 0.6), t11)
     assert len(found.hidden) > 0
     seen = found.seen
@@ -193,9 +195,6 @@ def test_a_hidden_edge_counts_as_half_a_missing_one(t11: PalletModel, portrait: 
     )
     free = missing + max(found.chi2 - 1.0, 0.0) - EDGES_PER_NAT * found.behind
     assert found.doubt - free == pytest.approx(HIDDEN_DOUBT * len(found.hidden))
-
-
-def test_more_than_is_allowed_to_be_hidden_is_refused(t11: PalletModel, portrait: Portrait) -> None:
     shot = behind(portrait(t11, POSE), 0.1, 0.42)
     part = estimate(shot, t11).seen.hidden_part
     assert 0.1 < part < FaceFitConfig().max_hidden

@@ -172,16 +172,15 @@ def test_strict_ends_at_the_first_bad_shot(blank_recording: Path, tmp_path: Path
     assert not (tmp_path / "out" / "measurements.csv").exists()
 
 
-def test_where_no_shot_can_be_used_the_recording_is_at_fault(blank_recording: Path, tmp_path: Path) -> None:
+def test_without_a_usable_shot_the_recording_is_at_fault_or_its_only_shot(
+    blank_recording: Path, tmp_path: Path
+) -> None:
     damage(blank_recording, 0, 1, 2, 3)
     with pytest.raises(ShotError) as caught:
         worked(read_job(blank_recording), tmp_path / "out")
     first = f"{blank_recording / 'images' / '0.png'}: is not a JPEG or PNG image"
     assert str(caught.value).startswith(f"{blank_recording}: none of 4 shots can be used; the first: {first}")
     assert not (tmp_path / "out").exists()
-
-
-def test_the_only_shot_says_what_is_wrong_with_it(blank_recording: Path, tmp_path: Path) -> None:
     (blank_recording / "shots.csv").write_text("time_s,file\n0,images/0.png\n")
     damage(blank_recording, 0)
     with pytest.raises(ShotError) as caught:

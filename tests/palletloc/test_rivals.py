@@ -111,7 +111,9 @@ def test_a_pallet_taken_one_opening_aside_is_taken_back(portrait: Portrait, mode
     assert back.candidate is alias.candidate
 
 
-def test_the_right_one_stays_as_it_is(portrait: Portrait, epal: PalletModel) -> None:
+def test_the_right_one_stays_and_what_is_beyond_doubt_is_not_asked_again(
+    portrait: Portrait, epal: PalletModel
+) -> None:
     shot = portrait(epal, POSE)
     fit = found(measured(shot, epal))
     assert fit.evidence is not None
@@ -120,6 +122,12 @@ def test_the_right_one_stays_as_it_is(portrait: Portrait, epal: PalletModel) -> 
     assert isinstance(kept, Fit)
     assert kept.pose is fit.pose
     np.testing.assert_array_equal(kept.covariance, fit.covariance)
+    certain = replace(found(measured(shot, epal)), evidence=CERTAIN)
+    assert certain.rank >= CONFIG.verification.certain
+    for settled in (certain, given_up(certain), replace(certain, face=None)):
+        assert list(one_opening_aside(shot, settled, never, CONFIG)) == []
+    hidden = believed(shot, epal, 0.0, 0.1)
+    assert len(list(one_opening_aside(shot, hidden, measure_refined, CONFIG))) == 2
 
 
 def test_a_rival_that_fails_its_checks_still_refuses(portrait: Portrait, epal: PalletModel) -> None:
@@ -133,16 +141,6 @@ def test_a_rival_that_fails_its_checks_still_refuses(portrait: Portrait, epal: P
     refused = decide(alias, [one_opening_aside(shot, alias, measure_badly, CONFIG)], CONFIG)
     assert isinstance(refused, Refusal)
     assert (refused.stage, refused.reason, refused.fit) == (Stage.VERIFICATION, Reason.OVERLAP, alias)
-
-
-def test_what_is_beyond_doubt_is_not_asked_again(portrait: Portrait, epal: PalletModel) -> None:
-    shot = portrait(epal, POSE)
-    certain = replace(found(measured(shot, epal)), evidence=CERTAIN)
-    assert certain.rank >= CONFIG.verification.certain
-    for settled in (certain, given_up(certain), replace(certain, face=None)):
-        assert list(one_opening_aside(shot, settled, never, CONFIG)) == []
-    hidden = believed(shot, epal, 0.0, 0.1)
-    assert len(list(one_opening_aside(shot, hidden, measure_refined, CONFIG))) == 2
 
 
 # Another model.

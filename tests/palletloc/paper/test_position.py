@@ -95,11 +95,8 @@ def test_a_free_height_is_found(portrait: Portrait, t11: PalletModel) -> None:
     assert min(abs(peak.z) for peak in found.peaks) < 0.03
 
 
-def test_nothing_is_found_in_a_plain_image(portrait: Portrait, t11: PalletModel) -> None:
+def test_nothing_is_found_in_a_plain_image_from_behind_or_outside(portrait: Portrait, t11: PalletModel) -> None:
     assert swept(blanked(portrait(t11, POSE)), t11) is Reason.NO_PEAK
-
-
-def test_behind_the_face_or_outside_the_image_there_is_nothing_to_sweep(portrait: Portrait, t11: PalletModel) -> None:
     shot = portrait(t11, POSE)
     assert swept(shot, t11, replace(POSE, yaw=-np.pi / 2)) is Reason.BEHIND_FACE
     assert swept(shot, t11, replace(POSE, x=5.0)) is Reason.OUT_OF_VIEW

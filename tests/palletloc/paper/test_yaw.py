@@ -263,36 +263,24 @@ def test_it_does_not_matter_which_side_is_bright(two_region: bool, near: float, 
 
 
 @METHODS
-def test_the_mirrored_view_has_the_opposite_turn(two_region: bool) -> None:
+def test_a_mirrored_view_has_the_opposite_turn_and_colour_is_read_as_well_as_gray(two_region: bool) -> None:
     view = half_planes(np.radians(4.0), 0.01)
     mirrored = PlaneView(view.image[:, ::-1].copy(), view.valid, GRID, view.camera_from_plane)
     here, there = lines_of(view, two_region)[0], lines_of(mirrored, two_region)[0]
     assert here.turn > 0 > there.turn
     assert there.turn == pytest.approx(-here.turn, abs=2 * (STEP + GRID.resolution / 1.2))
     assert there.up == pytest.approx(here.up, abs=1.5 * GRID.resolution)
-
-
-@METHODS
-def test_colour_is_read_as_well_as_gray(two_region: bool) -> None:
     gray = half_planes(np.radians(2.0), 0.0)
     colour = PlaneView(np.dstack([gray.image] * 3), gray.valid, GRID, gray.camera_from_plane)
     assert lines_of(colour, two_region) == lines_of(gray, two_region)
 
 
 @METHODS
-def test_there_is_no_line_in_a_plain_view(two_region: bool) -> None:
+def test_a_plain_view_or_what_is_not_seen_or_turned_too_far_gives_no_line(two_region: bool) -> None:
     assert lines_of(view_of(np.full((GRID.rows, GRID.columns), 120.0), noise=0.0), two_region) == []
-
-
-@METHODS
-def test_a_line_that_turns_too_far_is_not_returned(two_region: bool) -> None:
     lines = boundary_lines(half_planes(np.radians(9.0), 0.01), two_region, np.radians(3.0), STEP)
     assert all(abs(line.turn) <= np.radians(3.0) + STEP for line in lines)
     assert all(line.votes < 0.7 * GRID.columns for line in lines)
-
-
-@METHODS
-def test_what_the_camera_does_not_see_draws_no_line(two_region: bool) -> None:
     unseen = half_planes(0.0, 0.01)
     seen = np.broadcast_to(np.arange(GRID.columns) < 0.2 * GRID.columns, unseen.valid.shape)
     assert lines_of(PlaneView(unseen.image, seen, GRID, unseen.camera_from_plane), two_region) == []

@@ -250,9 +250,13 @@ def test_points_appear_on_the_plane_where_the_camera_sees_them(
     np.testing.assert_allclose(found.pixels[truth.valid], truth.pixels[truth.valid], atol=1e-6)
 
 
-def test_on_its_own_plane_every_point_appears_where_it_is() -> None:
+def test_a_patch_knows_its_plane_and_on_it_every_point_appears_where_it_is() -> None:
     points = np.random.default_rng(0).uniform(-0.5, 0.5, (50, 2))
     np.testing.assert_allclose(BLANK.appearing(BASE, points), points, atol=1e-12)
+    np.testing.assert_allclose(BLANK.view.camera_from_plane.as_matrix(), camera_from_plane(), atol=1e-12)
+    forklift_from_plane = BASE.transform() * PALLET_FROM_VERTICAL
+    np.testing.assert_allclose(forklift_from_plane.apply(BLANK.plane_from_camera), MOUNTED.translation, atol=1e-12)
+    assert BLANK.base == BASE
 
 
 @given(poses, st.integers(-3, 3))
@@ -261,13 +265,6 @@ def test_whole_turns_change_nothing(pose: LevelPose, turns: int) -> None:
     points = np.array([[-0.5, 0.0], [0.4, 0.14]])
     turned = replace(pose, yaw=pose.yaw + 2 * np.pi * turns)
     np.testing.assert_allclose(BLANK.appearing(turned, points), BLANK.appearing(pose, points), atol=1e-9)
-
-
-def test_a_patch_knows_its_plane_and_where_the_camera_is() -> None:
-    np.testing.assert_allclose(BLANK.view.camera_from_plane.as_matrix(), camera_from_plane(), atol=1e-12)
-    forklift_from_plane = BASE.transform() * PALLET_FROM_VERTICAL
-    np.testing.assert_allclose(forklift_from_plane.apply(BLANK.plane_from_camera), MOUNTED.translation, atol=1e-12)
-    assert BLANK.base == BASE
 
 
 def waves(slope: float) -> Callable[[FloatArray], FloatArray]:
@@ -319,20 +316,16 @@ def test_energy_lies_between_0_and_1_and_in_a_plain_image_there_is_none() -> Non
             assert field.max() <= most + 1e-6
 
 
-def test_a_fainter_image_has_nearly_the_same_energy(paint_plane: Paints) -> None:
+def test_neither_light_nor_colour_matters_to_the_energy(paint_plane: Paints) -> None:
     image = paint_plane(CAMERA, camera_from_plane(), SHOWN, waves(0.1))
     bright, dark = (patch_of(picture).along_level(0.1) for picture in (image, image // 3))
     assert np.corrcoef(bright.ravel(), dark.ravel())[0, 1] > 0.95
     assert dark.mean() > 0.7 * bright.mean()
-
-
-def test_gray_and_the_same_gray_in_three_channels_agree(paint_plane: Paints) -> None:
-    image = paint_plane(CAMERA, camera_from_plane(), SHOWN, waves(0.1))
     gray, colour = (patch_of(picture).any_direction for picture in (image, np.repeat(image[..., None], 3, axis=2)))
     assert np.abs(gray - colour).mean() < 0.05
 
 
-def test_a_camera_behind_the_plane_or_close_to_it_sees_nothing() -> None:
+def test_a_plane_behind_or_beside_or_beyond_the_image_is_not_seen() -> None:
     shot = Shot(np.zeros((CAMERA.height, CAMERA.width), np.uint8), CAMERA, Mounting(MOUNTED))
     center = np.asarray(MOUNTED.translation)
     into = np.array([np.cos(BASE.yaw), np.sin(BASE.yaw)])
@@ -341,9 +334,6 @@ def test_a_camera_behind_the_plane_or_close_to_it_sees_nothing() -> None:
         base = replace(BASE, x=x, y=y)
         found = view_patch(shot, base, SHOWN, RESOLUTION)
         assert found is Reason.BEHIND_FACE
-
-
-def test_a_plane_that_the_image_hardly_shows_is_out_of_view() -> None:
     image = np.zeros((CAMERA.height, CAMERA.width), np.uint8)
     aside = replace(BASE, x=BASE.x + 6.0)
     assert view_patch(Shot(image, CAMERA, Mounting(MOUNTED)), aside, SHOWN, RESOLUTION) is Reason.OUT_OF_VIEW

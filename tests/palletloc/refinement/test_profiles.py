@@ -119,7 +119,7 @@ def test_the_seam_changes_nothing_wherever_it_is(at_the_seam: float, shoot_face:
         np.testing.assert_allclose(rolled.gradient(1.0), straight.gradient(1.0), atol=0.3)
 
 
-def test_colour_and_gray_agree(shoot_face: Shoots) -> None:
+def test_colour_gray_and_the_negative_have_the_same_profiles(shoot_face: Shoots) -> None:
     camera, direction = VIEWS["pinhole"]
     plane = facing(direction)
     image = shoot_face(camera, plane, BOX)
@@ -130,12 +130,7 @@ def test_colour_and_gray_agree(shoot_face: Shoots) -> None:
         only = np.full((*image.shape, 3), 128, np.uint8)
         only[..., channel] = image
         np.testing.assert_allclose(read(camera, only, plane).profiles.gradient(1.0), gray, rtol=1e-3, atol=1e-3)
-
-
-def test_the_negative_has_the_same_profiles(shoot_face: Shoots) -> None:
     camera, direction = VIEWS["fisheye"]
-    plane = facing(direction)
-    image = shoot_face(camera, plane, BOX)
     here, other = (read(camera, picture, plane).profiles.gradient(1.0) for picture in (image, 255 - image))
     np.testing.assert_allclose(here, other, atol=1e-3)
 
@@ -302,16 +297,15 @@ def test_without_the_lower_edge_all_else_stays(model: PalletModel) -> None:
     np.testing.assert_array_equal(above.points, whole.points[kept])
 
 
-def test_what_is_shared_cannot_be_written(t11: PalletModel) -> None:
+def test_what_is_shared_cannot_be_written_and_another_model_has_other_cuts(
+    t11: PalletModel, epal: PalletModel
+) -> None:
     cuts = cuts_of(t11)
     assert cuts_of(t11) is cuts
     arrays = [
         getattr(cuts, field.name) for field in fields(cuts) if isinstance(getattr(cuts, field.name), np.ndarray)
     ]
     assert not any(array.flags.writeable for array in arrays)
-
-
-def test_another_model_has_other_cuts_even_under_the_same_name(t11: PalletModel, epal: PalletModel) -> None:
     wider = replace(t11, width=t11.width + 0.004)
     for other in (wider, epal):
         here, there = cuts_of(t11), cuts_of(other)

@@ -136,7 +136,9 @@ def test_without_a_level_the_viewing_ray_is_found(rise: float, portrait: Portrai
     assert min(across[:2]) < 0.03
 
 
-def test_every_place_comes_with_a_view_in_which_the_face_lies(portrait: Portrait, t11: PalletModel) -> None:
+def test_places_come_the_best_first_each_with_a_view_in_which_the_face_lies(
+    portrait: Portrait, t11: PalletModel
+) -> None:
     shot = portrait(t11, POSE)
     half, high = t11.width / 2, t11.height
     corners = np.array([[-half, 0.0], [half, 0.0], [-half, high], [half, high]])
@@ -149,10 +151,6 @@ def test_every_place_comes_with_a_view_in_which_the_face_lies(portrait: Portrait
             at = grid.pixels(patch.appearing(start, corners))
             assert (at > 0).all()
             assert (at < [grid.columns - 1, grid.rows - 1]).all()
-
-
-def test_places_are_given_the_best_first(portrait: Portrait, t11: PalletModel) -> None:
-    shot = portrait(t11, POSE)
     found = looked(shot, POSE, t11, config=NEAR)
     assert isinstance(found, Search)
     scores = [peak.score for peak in found.found.peaks]
@@ -285,7 +283,7 @@ def test_on_each_kind_of_edge_weight_is_spread_by_length(model: PalletModel) -> 
         np.testing.assert_allclose(share, share[0], rtol=1e-9)
 
 
-def test_points_in_blocks_lie_in_the_solid_well_off_its_edges_and_count_against_a_pose(model: PalletModel) -> None:
+def test_points_in_every_block_lie_in_the_solid_off_its_edges_and_count_against_a_pose(model: PalletModel) -> None:
     samples = face_samples(model)
     assert len(samples.block) > 0 or max(right - left for left, right in model.blocks) < 0.04
     assert (samples.block_weight < 0).all()
@@ -296,9 +294,6 @@ def test_points_in_blocks_lie_in_the_solid_well_off_its_edges_and_count_against_
         assert not any(o.left <= right <= o.right and o.bottom <= up <= o.top for o in model.openings)
     for horizontal in (True, False):
         assert distances(samples.block, model, horizontal).min(initial=1.0) > 0.01
-
-
-def test_every_block_is_looked_at(model: PalletModel) -> None:
     block = face_samples(model).block[:, 0]
     for left, right in model.blocks:
         if len(block) and right - left > 0.05:

@@ -31,10 +31,6 @@ def own_files(*suffixes: str) -> list[Path]:
     return [path for path in found if path.suffix in suffixes and not made & set(path.parts)]
 
 
-def make_targets() -> set[str]:
-    return set(re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
-
-
 def shell_lines(page: Path) -> list[str]:
     blocks = re.findall(r"^```(?:sh|bash|console)\n(.*?)^```", page.read_text(), re.MULTILINE | re.DOTALL)
     lines = [line.removeprefix("$ ").split("#")[0].strip() for block in blocks for line in block.splitlines()]
@@ -65,16 +61,10 @@ def succeeds() -> None:
 
 @pytest.fixture
 def commands(monkeypatch: pytest.MonkeyPatch) -> list[Command]:
-    module = sys.modules[__name__]
-    monkeypatch.setitem(sys.modules, "house_commands", module)
+    monkeypatch.setitem(sys.modules, "house_commands", sys.modules[__name__])
     functions = (refuses, cannot_read, is_interrupted, succeeds)
     rows = [Command(f.__name__.replace("_", "-"), f"house_commands:{f.__name__}", f.__doc__ or "") for f in functions]
     return [*rows, Command("absent", "palletloc.no_such_module:absent", "Not there.")]
-
-
-def palletloc_program(*arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "palletloc", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
 
 
 def test_no_file_has_more_than_350_lines() -> None:
@@ -109,11 +99,12 @@ def test_the_readme_sets_up_and_tests_as_the_makefile_does() -> None:
 
 
 def test_every_make_target_that_is_named_exists() -> None:
+    targets = set(re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
     target = re.compile(r"\bmake ([a-z]+)\b(?=[`\s]*(?:$|[`#,;.]| VENV))", re.MULTILINE)
     for page in ("README.md", "CONTRIBUTING.md", "docs/install.md", ".ci/run"):
         named = set(target.findall((ROOT / page).read_text()))
         assert named, page
-        assert named - make_targets() == set(), page
+        assert named - targets == set(), page
 
 
 def test_the_list_of_commands_says_what_the_commands_say_themselves() -> None:
@@ -175,7 +166,9 @@ def test_help_lists_every_command_and_imports_nothing_heavy() -> None:
 
 
 def test_version_is_the_packages() -> None:
-    assert palletloc_program("--version").stdout == f"palletloc {palletloc.__version__}\n"
+    command = [sys.executable, "-m", "palletloc", "--version"]
+    ended = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT)
+    assert ended.stdout == f"palletloc {palletloc.__version__}\n"
 
 
 def test_the_constraints_hold_a_version_within_the_bounds_for_every_dependency() -> None:

@@ -69,8 +69,7 @@ def test_errors_stand_at_their_shots_pallets_far_below_apart(recording: Recordin
 
 def test_the_table_says_what_was_found_and_how_well(recording: Recording) -> None:
     runs = {"good": [measured(time, 0.002, 0.001) for time in TIMES], "blind": []}
-    figure = method_figure(recording, TRUTH, runs)
-    cells = [text.get_text() for text in figure.axes[2].texts]
+    cells = [text.get_text() for text in method_figure(recording, TRUTH, runs).axes[2].texts]
     assert cells.count("3 of 3") == 1
     assert cells.count("0 of 3") == 1
     assert f"{np.degrees(0.001):.2f} / {np.degrees(0.001):.2f}" in cells

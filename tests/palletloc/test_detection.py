@@ -219,14 +219,12 @@ def test_a_turned_face_is_found_at_its_yaw(yaw: float, epal: PalletModel, draw_f
     yaws = np.arange(-0.12, 0.121, 0.01)
     placement = FacePlacement(np.ones((1, 1)).repeat(len(yaws), 0), yaws[:, None], np.zeros((1, 1)))
     score = match_template(template_of(view, epal), GRID, CAMERA, placement, PLACES)
-    best = np.unravel_index(score.argmax(), score.shape)
-    assert yaws[best[0]] == pytest.approx(yaw, abs=0.021)
+    assert yaws[np.unravel_index(score.argmax(), score.shape)[0]] == pytest.approx(yaw, abs=0.021)
     assert score.max() > score[np.abs(yaws + yaw).argmin()].max() + 0.05  # the sign of the turn counts
 
 
 def test_a_drift_moves_the_places_of_each_placement(epal: PalletModel, draw_face: Draw) -> None:
-    view = draw_face(epal, GRID, CAMERA)
-    template = template_of(view, epal)
+    template = template_of(draw_face(epal, GRID, CAMERA), epal)
     placement = FacePlacement(column(1.0, 0.95), np.zeros((1, 1)), np.zeros((1, 1)))
     places = np.array([0.0, 0.03])
     drifted = match_template(template, GRID, CAMERA, placement, places, column(0.02, -0.05))
@@ -259,8 +257,7 @@ def test_where_rounded_edges_are_seen_is_taken_into_account(t11: PalletModel) ->
 
 def test_places_may_outnumber_placements_and_each_is_scored_alike(epal: PalletModel, draw_face: Draw) -> None:
     template = template_of(draw_face(epal, GRID, CAMERA), epal)
-    scales = np.linspace(0.95, 1.05, 3)
-    few = FacePlacement(scales[:, None], np.zeros((1, 1)), np.zeros((1, 1)))
+    few = FacePlacement(np.linspace(0.95, 1.05, 3)[:, None], np.zeros((1, 1)), np.zeros((1, 1)))
     score = match_template(template, GRID, CAMERA, few, PLACES)
     assert score.shape == (3, len(PLACES))
     for column_of, place in enumerate(PLACES):
@@ -269,8 +266,7 @@ def test_places_may_outnumber_placements_and_each_is_scored_alike(epal: PalletMo
 
 
 def test_weighted_sums_add_up_what_is_given_in_any_order() -> None:
-    rng = np.random.default_rng(0)
-    fields = rng.integers(0, FULL + 1, (6, 4, 5), dtype=np.uint8)
+    fields = np.random.default_rng(0).integers(0, FULL + 1, (6, 4, 5), dtype=np.uint8)
     weights = [0.1, -0.2, 0.1, 0.3, -0.2, 0.5]
     for order in (range(6), (5, 3, 1, 0, 2, 4)):
         sums = WeightedSums((4, 5))

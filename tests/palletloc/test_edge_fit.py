@@ -114,8 +114,7 @@ def test_there_is_no_line_where_there_is_no_edge(sigma: float) -> None:
 
 
 def test_each_edge_has_its_own_reach_and_a_slope_towards_one_beyond_is_no_peak() -> None:
-    image = step_image(0.04)
-    gradient = gradient_across(image.astype(np.uint8), True, 6.0, 1.0)
+    gradient = gradient_across(step_image(0.04).astype(np.uint8), True, 6.0, 1.0)
     near = edge_peaks(gradient, GRID, *ENDS, UP, np.array([0.02]))
     assert (near.strength == 0.0).all()
     assert fitted(near) is None
@@ -147,8 +146,7 @@ def test_stretches_of_a_line_give_the_line_of_the_whole() -> None:
     single = edge_peaks(gradient, GRID, starts, ends, UP, np.full(3, REACH))
     joined = join_peaks(single, (starts + ends)[:, 0] / 2, [range(3), range(1)])
     assert joined.along.shape[0] == 2
-    fits = fit_edges(joined, np.full(2, PIXEL), np.full(2, PIXEL), REACH)
-    whole, part = fits
+    whole, part = fit_edges(joined, np.full(2, PIXEL), np.full(2, PIXEL), REACH)
     assert whole is not None
     assert part is not None
     assert whole.offset == pytest.approx(0.4 * PIXEL, abs=0.05 * PIXEL)
@@ -206,8 +204,7 @@ def test_the_spread_of_normal_residuals_is_their_standard_deviation() -> None:
 @pytest.mark.parametrize("weigh", WEIGHTS)
 def test_a_third_of_wrong_values_does_not_move_a_line(weigh: Weigh) -> None:
     rng = np.random.default_rng(0)
-    x = rng.uniform(-1, 1, 300)
-    design = np.stack([x, np.ones(300)], axis=1)
+    design = np.stack([rng.uniform(-1, 1, 300), np.ones(300)], axis=1)
     values = design @ [2.0, 3.0] + rng.normal(0, 0.01, 300)
     values[:100] += rng.choice([-1.0, 1.0], 100) * rng.uniform(0.5, 1.0, 100)
 

@@ -50,8 +50,7 @@ def test_an_edge_parts_the_solid_from_what_is_outward_of_it(model: PalletModel) 
 def test_the_edges_of_a_sharp_face_are_its_whole_outline(model: PalletModel) -> None:
     face = sharp(model)
     holes = sum(2 * o.height + o.width * (1 if o.open_below else 2) for o in face.openings)
-    floor = sum(o.width for o in face.openings if o.open_below)
-    outline = 2 * face.width + 2 * face.height - floor
+    outline = 2 * face.width + 2 * face.height - sum(o.width for o in face.openings if o.open_below)
     assert sum(edge.length for edge in face_edges(face)) == pytest.approx(outline + holes)
 
 
@@ -87,8 +86,7 @@ def test_lines_are_all_the_edges_and_level_ones_at_one_height_are_one_line(model
 
 
 def test_a_face_open_below_stands_on_feet(open_below: PalletModel) -> None:
-    kinds = Counter(edge.kind for edge in face_edges(open_below))
-    assert kinds[EdgeKind.OPENING_BOTTOM] == 0
+    assert Counter(edge.kind for edge in face_edges(open_below))[EdgeKind.OPENING_BOTTOM] == 0
     feet = [(e.start[0], e.end[0]) for e in face_edges(open_below) if e.kind is EdgeKind.BOTTOM]
     np.testing.assert_allclose(feet, open_below.blocks)
 
@@ -102,10 +100,6 @@ def contour(radius: float, across: float, distance: float) -> float:
     out, near = radius * (np.cos(turn) - 1), radius * (np.sin(turn) - 1)
     seen_at = across + (out - across) * distance / (distance - near)
     return float(seen_at.max())
-
-
-def right_side(model: PalletModel) -> FaceEdge:
-    return next(e for e in face_edges(model) if e.kind is EdgeKind.SIDE and e.outward[0] > 0)
 
 
 @pytest.mark.parametrize("kind", [EdgeKind.TOP, EdgeKind.SIDE, EdgeKind.OPENING_TOP, EdgeKind.OPENING_SIDE])
@@ -125,25 +119,22 @@ def test_an_edge_that_hides_its_other_surface_appears_where_rays_graze_it(
 @pytest.mark.parametrize("tangent", [-1.5, -0.4])
 def test_a_lower_edge_appears_between_its_contour_and_its_drawn_place(tangent: float, t11: PalletModel) -> None:
     edge = next(e for e in face_edges(t11) if e.kind is EdgeKind.BOTTOM)
-    camera = np.array([0.0, -2.0 * tangent, 2.0])
-    shift = edge_shift(edge, camera, t11)
+    shift = edge_shift(edge, np.array([0.0, -2.0 * tangent, 2.0]), t11)
     assert contour(t11.edge_radius, 2.0 * tangent, 2.0) < shift.mean < 0.0
 
 
 @pytest.mark.parametrize("tangent", [0.05, 0.4, 1.0, 2.0])
 def test_an_edge_with_both_surfaces_in_view_appears_on_its_rounding(tangent: float, t11: PalletModel) -> None:
-    edge, radius = right_side(t11), t11.edge_radius
-    camera = np.array([edge.middle[0] + 2.0 * tangent, 1.0, 2.0])
-    shift = edge_shift(edge, camera, t11)
-    assert -radius <= shift.mean <= radius * tangent * 1.01
+    edge = next(e for e in face_edges(t11) if e.kind is EdgeKind.SIDE and e.outward[0] > 0)
+    shift = edge_shift(edge, np.array([edge.middle[0] + 2.0 * tangent, 1.0, 2.0]), t11)
+    assert -t11.edge_radius <= shift.mean <= t11.edge_radius * tangent * 1.01
 
 
 def test_sharp_edges_are_seen_where_they_are_drawn(t11: PalletModel) -> None:
     face = sharp(t11)
     for edge in face_edges(face):
         for camera in ([-2.0, -1.0, 2.0], [2.0, 1.5, 1.0]):
-            shift = edge_shift(edge, np.array(camera), face)
-            assert shift.mean == pytest.approx(0.0, abs=1e-12)
+            assert edge_shift(edge, np.array(camera), face).mean == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.parametrize("camera", [[0.3, 1.8, 2.0], [-2.0, -0.4, 1.5], [3.0, 0.1, 2.0]])
@@ -283,8 +274,7 @@ def test_names_run_from_left_to_right(floor_localizer: Makes, floor_shot: Shot, 
     # the shelf is to the left: what is nearer ahead is farther to the right
     (left, _), (right, _) = sorted(floor_pallets, key=lambda placed: placed[1].x)
     starts = [Start(model.name, pose) for model, pose in reversed(floor_pallets)]
-    explained = floor_localizer().explain_from(floor_shot, starts, (0.0,))
-    named = dict(name_candidates(explained))
+    named = dict(name_candidates(floor_localizer().explain_from(floor_shot, starts, (0.0,))))
     assert (named["P1"].candidate.model.name, named["P2"].candidate.model.name) == (left.name, right.name)
 
 

@@ -190,8 +190,7 @@ def test_half_the_light_gives_nearly_the_same(t11: PalletModel, draw_face: Draw)
 
 
 def test_a_plain_image_has_no_contrast(epal: PalletModel) -> None:
-    plain = np.full((GRID.rows, GRID.columns), 77, np.uint8)
-    assert contrast_at(plain, GRID, epal) == 0.0
+    assert contrast_at(np.full((GRID.rows, GRID.columns), 77, np.uint8), GRID, epal) == 0.0
 
 
 def test_the_face_is_looked_for_where_its_points_are_placed(epal: PalletModel, draw_face: Draw) -> None:

@@ -208,15 +208,11 @@ def test_a_full_disk_is_no_shots_fault(
         worked(read_job(blank_recording), tmp_path / "out")
 
 
-def explanations_in_memory() -> int:
-    return sum(isinstance(thing, Explanation) for thing in gc.get_objects())
-
-
 def test_what_was_found_is_not_piled_up(blank_recording: Path, tmp_path: Path) -> None:
     lines = [f"{0.01 * number:.2f},images/0.png" for number in range(12)]
     (blank_recording / "shots.csv").write_text("\n".join(["time_s,file", *lines]) + "\n")
     job = read_job(blank_recording)
     with RunFolder(tmp_path / "out", RUN, blank_recording, job.shots) as output:
-        alive = [explanations_in_memory() for _ in work_through(job, output)]
+        alive = [sum(isinstance(thing, Explanation) for thing in gc.get_objects()) for _ in work_through(job, output)]
     assert len(alive) == 12
     assert max(alive) <= alive[0] + 1

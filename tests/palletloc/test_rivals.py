@@ -146,18 +146,14 @@ def test_a_rival_that_fails_its_checks_still_refuses(portrait: Portrait, epal: P
 # Another model.
 
 
-def seen_as(shot: Shot, model: PalletModel, other: PalletModel) -> LevelPose:
-    """Return where another model would look as wide as one at `POSE`."""
-    return slid(shot, POSE, other.width / model.width)
-
-
 @pytest.mark.parametrize("names", [("epal", "t11"), ("t11", "epal")], ids="-as-".join)
 def test_at_any_height_a_model_gives_way_to_the_one_that_stands_there(
     names: tuple[str, str], portrait: Portrait, request: pytest.FixtureRequest
 ) -> None:
     model, other = (request.getfixturevalue(name) for name in names)
     shot = portrait(model, POSE)
-    starts = [Start(other.name, seen_as(shot, model, other)), Start(model.name, POSE)]
+    # where the other model would look as wide
+    starts = [Start(other.name, slid(shot, POSE, other.width / model.width)), Start(model.name, POSE)]
     wrong, right = Localizer([model, other]).explain_from(shot, starts).outcomes
     assert isinstance(wrong, Refusal)
     assert isinstance(right, Fit)

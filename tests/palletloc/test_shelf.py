@@ -101,8 +101,7 @@ def test_the_view_lies_on_the_plane_with_its_origin_beside_the_camera(
 ) -> None:
     out = np.array([np.cos(facing), np.sin(facing), 0.0])
     center = forklift_from_camera.translation
-    along = np.array([out[1], -out[0], 0.0])
-    point = center - 2.2 * out + 0.7 * along
+    point = center - 2.2 * out + 0.7 * np.array([out[1], -out[0], 0.0])
     seen = looking(ShelfPlane(point[0], point[1], facing))
     plane = seen.forklift_from_plane
     for corner in ([-1.0, 0.3, 0.0], [2.0, 1.0, 0.0]):
@@ -219,11 +218,6 @@ def shown(epal: PalletModel, draw_face: Draw) -> Shown:
     return drawn
 
 
-def best(sites: Sites) -> tuple[float, ...]:
-    chosen = sites.chosen(np.array([sites.score.argmax()]))
-    return tuple(float(values[0]) for values in chosen)
-
-
 @pytest.mark.parametrize(
     ("place", "depth", "yaw"), [(0.0, 0.0, 0.0), (0.73, 0.11, 0.05), (-0.51, -0.09, -0.06), (1.2, 0.2, 0.07)]
 )
@@ -231,7 +225,7 @@ def best(sites: Sites) -> tuple[float, ...]:
 def test_a_face_is_found_where_it_stands(place: float, depth: float, yaw: float, known: bool, shown: Shown) -> None:
     seen, template, steps = shown(place, depth, yaw, 0.06, known)
     sites = refine(seen, template, steps, search(seen, template, steps, CONFIG), 1.0, CONFIG)
-    found = best(sites)
+    found = [values[sites.score.argmax()] for values in sites]
     assert found[0] == pytest.approx(place, abs=0.03 if known else 0.06)
     assert found[1] == pytest.approx(depth, abs=0.03 if known else 0.10)
     assert found[2] == pytest.approx(yaw, abs=0.03)

@@ -208,8 +208,7 @@ def test_the_better_of_two_stays_and_what_was_refused_excludes_nothing(epal: Pal
 
 def test_nothing_and_what_was_excluded_excludes_nothing(epal: PalletModel) -> None:
     assert stays(*(placed(epal, 0.8 * i, 0.9 - 0.1 * i) for i in range(3))) == [True, False, True]
-    start = LevelPose(0.0, 2.0, 0.0, 1.5)
-    unseen = Refusal(Candidate(epal, start), Stage.SEARCH, Reason.NO_PEAK)
+    unseen = Refusal(Candidate(epal, LevelPose(0.0, 2.0, 0.0, 1.5)), Stage.SEARCH, Reason.NO_PEAK)
     assert excluded() == []
     assert excluded(unseen) == [unseen]
     assert stays(unseen, placed(epal, 0.0, 0.1)) == [False, True]

@@ -73,8 +73,7 @@ def test_the_curve_of_scores_belongs_to_the_depths(portrait: Portrait, t11: Pall
     assert found.depth[0] == pytest.approx(-CONFIG.nearer)
     assert found.depth[-1] >= CONFIG.farther
     assert found.best == pytest.approx(found.score.max())
-    best_depth = off(found.peaks[0])[1]
-    assert found.depth[found.score.argmax()] == pytest.approx(best_depth, abs=1e-6)
+    assert found.depth[found.score.argmax()] == pytest.approx(off(found.peaks[0])[1], abs=1e-6)
     assert found.best > np.median(found.score) + 0.1
 
 
@@ -89,8 +88,7 @@ def test_peaks_stand_apart(portrait: Portrait, epal: PalletModel) -> None:
 
 
 def test_a_free_height_is_found(portrait: Portrait, t11: PalletModel) -> None:
-    shot = portrait(t11, POSE)
-    found = swept(shot, t11, replace(POSE, z=0.03), None)
+    found = swept(portrait(t11, POSE), t11, replace(POSE, z=0.03), None)
     assert isinstance(found, Sweep)
     assert min(abs(peak.z) for peak in found.peaks) < 0.03
 

@@ -98,8 +98,7 @@ def test_an_edge_that_is_partly_hidden_does_not_turn_the_yaw(portrait: Portrait,
     left, right = (round((edge - grid.left) / grid.resolution) for edge in (0.35, 0.55))
     middle = round(grid.top / grid.resolution)
     image[middle + 3 :, left:right] = image[5, 5]  # something of the floor's colour stands before the lower edge
-    hidden = replace(seen, view=replace(seen.view, image=image))
-    found = measure_yaw(shot, hidden, POSE, t11, CONFIG)
+    found = measure_yaw(shot, replace(seen, view=replace(seen.view, image=image)), POSE, t11, CONFIG)
     assert isinstance(found, YawEstimate)
     assert abs(found.yaw - POSE.yaw) < max(3 * found.sigma, np.radians(0.3))
 
@@ -117,8 +116,7 @@ def test_there_is_no_yaw_in_a_plain_image(portrait: Portrait, t11: PalletModel) 
 def test_a_boundary_line_shows_how_far_the_start_is_turned(
     turn_deg: float, boundary: BoundaryMethod, portrait: Portrait, t11: PalletModel
 ) -> None:
-    shot = portrait(t11, POSE)
-    seen = viewed(shot, t11, moved(POSE, turn_deg=turn_deg), YawSource.BOTTOM)
+    seen = viewed(portrait(t11, POSE), t11, moved(POSE, turn_deg=turn_deg), YawSource.BOTTOM)
     lines = find_lines(seen, replace(CONFIG, boundary=boundary))
     assert min(abs(line.turn + np.radians(turn_deg)) for line in lines) < np.radians(0.7)
 
@@ -181,8 +179,7 @@ def test_the_plane_goes_level_through_the_edge(source: YawSource, portrait: Port
 
 @pytest.mark.parametrize("source", [YawSource.BOTTOM, YawSource.TOP])
 def test_every_level_edge_of_a_face_is_in_the_view(source: YawSource, portrait: Portrait, epal: PalletModel) -> None:
-    shot = portrait(epal, POSE)
-    seen = seen_from(shot, epal, source=source)
+    seen = seen_from(portrait(epal, POSE), epal, source=source)
     grid, camera = seen.view.grid, seen.plane_from_camera
     low, high = grid.top - (grid.rows - 1) * grid.resolution, grid.top
     for height in (0.0, 0.022, 0.122, epal.height):

@@ -60,8 +60,7 @@ def test_nothing_is_seen_through_openings_far_below(name: str) -> None:
 @pytest.mark.parametrize("name", FACES)
 def test_an_edge_of_a_block_its_image_and_the_camera_lie_on_one_line(name: str) -> None:
     for camera, edge in every_edge(name):
-        image = np.array([*edge.image.middle, 0.0])
-        way, whole = image - camera, np.array(edge.place) - camera
+        way, whole = np.array([*edge.image.middle, 0.0]) - camera, np.array(edge.place) - camera
         np.testing.assert_allclose(way, whole * edge.scale, atol=1e-12)
     model = LIBRARY[name]
     depths = [depth for row in model.block_rows for depth in row][1:]
@@ -74,8 +73,7 @@ def test_an_edge_of_a_block_its_image_and_the_camera_lie_on_one_line(name: str) 
 
 @pytest.mark.parametrize("name", FACES)
 def test_nothing_of_the_pallet_stands_before_an_edge_that_is_seen(name: str) -> None:
-    model = LIBRARY[name]
-    body = PalletBody(LevelPose(0.0, 0.0, 0.0, 0.0), model, WOODS[0])
+    body = PalletBody(LevelPose(0.0, 0.0, 0.0, 0.0), LIBRARY[name], WOODS[0])
     seen = every_edge(name)
     assert len(seen) > 60
     part = np.linspace(0.0, 1.0, 1500)
@@ -159,8 +157,7 @@ def striped(paint_plane: Paints, narrow_view: CameraModel, noted: list[DepthPeak
 
 @pytest.mark.parametrize("aside", [0.0, 0.005, -0.006])
 def test_a_peak_is_found_where_the_image_changes(aside: float, striped: Striped) -> None:
-    model = replace(LIBRARY["epal1-1200"], edge_radius=0.0)
-    _, peaks = striped(model, aside)
+    _, peaks = striped(replace(LIBRARY["epal1-1200"], edge_radius=0.0), aside)
     strongest = [places[shares.argmax()] for places, shares in zip(peaks.places, peaks.shares, strict=True)]
     assert len(strongest) >= 4
     assert np.median(np.abs(np.array(strongest) - aside)) < 0.002
@@ -210,8 +207,7 @@ def peaks_at(*places: FloatArray) -> DepthPeaks:
     """Peaks of equal strength around five contours: each array has one for every edge."""
     own = tuple(np.array(each) for each in zip(*places, strict=True)) if places else (np.zeros(0),) * 5
     shares = tuple(np.full(len(each), 1 / max(len(each), 1)) for each in own)
-    edges = (CONTOURS * 5)[:5]
-    return DepthPeaks(edges, own, shares, np.full(5, 0.03))
+    return DepthPeaks((CONTOURS * 5)[:5], own, shares, np.full(5, 0.03))
 
 
 @given(st.floats(-2.5, 2.5))

@@ -68,8 +68,7 @@ def test_edges_move_against_the_pose(right: float, up: float, portrait: Portrait
 def test_a_pixel_is_larger_where_the_face_is_seen_aslant(portrait: Portrait, t11: PalletModel) -> None:
     edges = edges_at(portrait(t11, POSE), POSE, t11)
     across = {measured.edge.horizontal: measured.pixel for measured in edges}
-    distance = float(np.hypot(POSE.x - 0.3, POSE.y + 0.08))
-    straight = np.hypot(distance, 1.85) / 560.0
+    straight = np.hypot(float(np.hypot(POSE.x - 0.3, POSE.y + 0.08)), 1.85) / 560.0
     assert across[False] > straight
     assert across[True] > straight  # seen from 40 degrees above
 

@@ -155,8 +155,7 @@ def test_a_known_yaw_is_kept_and_one_opening_aside_there_is_doubt(portrait: Port
     start = replace(POSE, yaw=POSE.yaw + np.radians(0.8))
     firm = estimate(portrait(t11, POSE), t11, start, yaw=YawPrior(np.radians(0.01), 0.0))
     assert firm.forklift_from_pallet.yaw == pytest.approx(start.yaw, abs=np.radians(0.05))
-    shot = portrait(t11, POSE)
-    aside = fitted(shot, t11, moved(POSE, 0.53, 0.0))
+    aside = fitted(portrait(t11, POSE), t11, moved(POSE, 0.53, 0.0))
     assert isinstance(aside, Reason) or aside.doubt > 1.2 * FaceFitConfig().max_doubt
 
 

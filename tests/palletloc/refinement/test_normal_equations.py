@@ -58,8 +58,7 @@ class Geometry:
     def image(self, point: Sequence[float] | FloatArray) -> FloatArray:
         in_forklift = self.seeming.apply(self.face.apply([*point, 0.0][:3]))
         camera = self.plane_from_forklift.apply(self.assumed.center)
-        seen = self.plane_from_forklift.apply(in_forklift)
-        ray = seen - camera
+        ray = self.plane_from_forklift.apply(in_forklift) - camera
         reached: FloatArray = (camera - ray * camera[2] / ray[2])[:2]
         return reached
 

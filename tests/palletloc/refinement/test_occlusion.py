@@ -71,8 +71,7 @@ class Face:
             if instead == "beside":
                 self.offset[row, lost] = 2 * TOLERANCE
             else:
-                factor = {"nothing": 0.0, "fainter": 0.2, "stronger": 5.0}[instead]
-                self.strength[row, lost] *= factor
+                self.strength[row, lost] *= {"nothing": 0.0, "fainter": 0.2, "stronger": 5.0}[instead]
 
     def hidden(self) -> Spans:
         peaks = EdgePeaks(self.cuts.by_line(self.cuts.along, 0.0), self.offset, self.strength)
@@ -292,8 +291,7 @@ def test_what_is_only_on_the_face_or_only_below_it_or_floor_is_no_post(
     assert visible_occluders(label, epal, POSE) == ()
     line = seen(paint_plane, {(-0.2, 0.1, -1.0): 20.0, (-0.25, 0.15, 0.0): FACE})
     assert visible_occluders(line, epal, POSE) == ()
-    lifted = LevelPose(POSE.x, POSE.y, POSE.z - 0.3, POSE.yaw)
-    assert visible_occluders(label, epal, lifted) == ()
+    assert visible_occluders(label, epal, LevelPose(POSE.x, POSE.y, POSE.z - 0.3, POSE.yaw)) == ()
 
 
 def test_each_hidden_stretch_is_judged_by_itself_and_without_any_or_all_nothing_is_explained(

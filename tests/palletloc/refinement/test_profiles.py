@@ -84,8 +84,7 @@ def shot_of(camera: CameraModel, image: Image) -> Shot:
 
 def read(camera: CameraModel, image: Image, camera_from_face: FloatArray, model: PalletModel = BOX) -> Read:
     middle = np.array([[0.0, model.height / 2]] * 2)
-    plane = RigidTransform.from_matrix(camera_from_face)
-    right, up = pixel_sizes(camera, plane, middle, np.eye(2))
+    right, up = pixel_sizes(camera, RigidTransform.from_matrix(camera_from_face), middle, np.eye(2))
     cuts = face_cuts(model, float(right), float(up), False)
     pixel = np.where(cuts.level[:, None], [[up, right]], [[right, up]])
     zero, reach = np.zeros(len(cuts.lines)), np.full(len(cuts.lines), REACH)
@@ -195,8 +194,7 @@ def test_what_lies_on_one_stretch_of_a_line_does_not_reach_the_next(shoot_face: 
     whole = shoot_face(camera, plane, BOX)
     half = shoot_face(camera, plane, replace(BOX, openings=BOX.openings[:1]))
     here, other = (read(camera, image, plane) for image in (whole, half))
-    left = np.flatnonzero(here.cuts.points[:, 0] < -0.05)
-    mine = np.intersect1d(left, here.cuts.inner)
+    mine = np.intersect1d(np.flatnonzero(here.cuts.points[:, 0] < -0.05), here.cuts.inner)
     opened = [i for i, line in enumerate(here.cuts.lines) if line.kind.startswith("opening")]
     mine = mine[np.isin(here.cuts.line[mine], opened)]
     assert len(mine) > 20

@@ -117,8 +117,7 @@ def test_near_starts_lead_there_at_once(turn_deg: float, along: float, portrait:
 
 
 def test_on_a_known_level_every_place_is_on_it_whatever_the_start_says(portrait: Portrait, t11: PalletModel) -> None:
-    shot = portrait(t11, POSE)
-    found = looked(shot, replace(POSE, z=0.04), t11, config=NEAR)
+    found = looked(portrait(t11, POSE), replace(POSE, z=0.04), t11, config=NEAR)
     assert isinstance(found, Search)
     assert {start.z for start, _ in found.starts} == {0.0}
 
@@ -174,8 +173,7 @@ def test_it_looks_as_far_as_it_is_told(height: HeightPrior | None, floor_shot: S
 
 @pytest.mark.parametrize("fill", [0, 90, 255])
 def test_a_plain_image_has_no_peak(fill: int, portrait: Portrait, t11: PalletModel) -> None:
-    shot = portrait(t11, POSE)
-    assert looked(blanked(shot, fill), POSE, t11) is Reason.NO_PEAK
+    assert looked(blanked(portrait(t11, POSE), fill), POSE, t11) is Reason.NO_PEAK
 
 
 def test_from_behind_and_out_of_the_image_there_is_nothing_to_look_at(portrait: Portrait, t11: PalletModel) -> None:
@@ -216,8 +214,7 @@ def test_nothing_is_looked_for_beyond_the_yaws_that_may_be(side: float, portrait
 
 def test_a_start_beyond_the_yaws_that_may_be_is_looked_at_as_far_as_any(portrait: Portrait, t11: PalletModel) -> None:
     pose = LevelPose(0.9, 2.0, 0.0, LEFT)
-    shot = portrait(t11, pose)
-    where = shot, pose, t11, FLOOR, NEAR
+    where = portrait(t11, pose), pose, t11, FLOOR, NEAR
     free, elsewhere = search(*where), search(*where, (0.0, 0.2))
     assert isinstance(free, Search)
     assert isinstance(elsewhere, Search)

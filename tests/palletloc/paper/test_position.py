@@ -25,7 +25,7 @@ def swept(
     prior: HeightPrior | None = FLOOR,
     yaw_known: bool = True,
 ) -> Sweep | Reason:
-    return sweep(shot.projector, shot.image, shot.camera_from_forklift, start, model, prior, yaw_known, CONFIG)
+    return sweep(shot, start, model, prior, yaw_known, CONFIG)
 
 
 def along_ray(shot: Shot, pose: LevelPose, factor: float) -> LevelPose:

@@ -150,7 +150,7 @@ def _extremes(values: Sequence[FloatArray], otherwise: tuple[float, float]) -> t
 def _on_view(seen: ShelfView, outcome: Fit | Refusal) -> list[FloatArray]:
     """Return the lines of a candidate's face as the view shows them."""
     plane_from_forklift = seen.forklift_from_plane.inv()
-    plane_from_camera = np.asarray(seen.view.camera_from_plane.inv().translation)
+    plane_from_camera = seen.view.plane_from_camera
     pose = outcome.pose if isinstance(outcome, Fit) else outcome.candidate.start
     return [
         seen_on_plane(plane_from_forklift.apply(line), plane_from_camera)

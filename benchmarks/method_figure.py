@@ -40,7 +40,7 @@ _AXES: tuple[tuple[str, float, Callable[[PoseError], float]], ...] = (
 )
 _LEAST = (0.003, 0.3)
 """Errors that are drawn at the lower border, in degrees and in millimetres."""
-_BESIDE = 0.07
+_STEP = 0.07
 """How far the methods stand apart at one shot, in shots."""
 
 
@@ -77,11 +77,11 @@ def method_figure(recording: Recording, truth: Truth, runs: Mapping[str, Sequenc
     figure = new_figure(_HEAD + len(_AXES) * _HEIGHT + _BETWEEN + _AXIS + table)
     name = recording.folder.name or "a recording"
     add_text(figure, _LEFT, 14, f"{name}: errors of the methods over the shots", size=13, bold=True)
-    told = "Marks: absolute error of each pallet in view; lines: their median in each shot; logarithmic scales"
-    add_text(figure, _LEFT, 40, told, size=10.5)
+    explained = "Marks: absolute error of each pallet in view; lines: their median in each shot; logarithmic scales"
+    add_text(figure, _LEFT, 40, explained, size=10.5)
     width = (WIDTH_PX - _LEFT - _RIGHT - (len(parts) - 1) * _GAP) / len(parts)
     times = [shot.time for shot in recording.shots]
-    for column, (told, belongs) in enumerate(parts):
+    for column, (which, belongs) in enumerate(parts):
         left, top = _LEFT + column * (width + _GAP), float(_HEAD)
         for row, (label, scale, value) in enumerate(_AXES):
             axes = add_axes(figure, left, top + _TITLE, width, _HEIGHT - _TITLE)
@@ -91,7 +91,7 @@ def method_figure(recording: Recording, truth: Truth, runs: Mapping[str, Sequenc
                 _draw_method(axes, chosen, value, scale, (number, len(runs)), _LEAST[row])
             axes.set_ylim(bottom=_LEAST[row] * 0.8)
             if row == 0:
-                add_text(figure, left, top + 4, f"Pallets {told}", size=10.5, bold=True)
+                add_text(figure, left, top + 4, f"Pallets {which}", size=10.5, bold=True)
             top += _HEIGHT + (_BETWEEN if row == 0 else 0)
         axes.set_xlabel("number of the shot")
         _write_table(figure, left, top + _AXIS, width, compared, belongs)
@@ -136,12 +136,12 @@ def _draw_method(
         return
     number, count = place
     color, mark, line = _STYLES[number % len(_STYLES)]
-    beside = (number - (count - 1) / 2) * _BESIDE
+    shift = (number - (count - 1) / 2) * _STEP
     shots = np.array([shot for shot, _ in chosen])
     sizes = np.maximum(np.abs([value(error) for _, error in chosen]) * scale, least)
-    axes.plot(shots + beside, sizes, mark, color=color, markersize=4, alpha=0.45, markeredgewidth=0)
+    axes.plot(shots + shift, sizes, mark, color=color, markersize=4, alpha=0.45, markeredgewidth=0)
     at, middle = np.array([(shot, np.median(sizes[members])) for shot, members in _members(shots)]).T
-    axes.plot(at + beside, middle, marker=mark, color=color, linestyle=line, linewidth=1.8, markersize=6)
+    axes.plot(at + shift, middle, marker=mark, color=color, linestyle=line, linewidth=1.8, markersize=6)
 
 
 def _members(shots: FloatArray) -> list[tuple[int, list[int]]]:

@@ -6,9 +6,9 @@ import math
 from collections.abc import Iterable
 from dataclasses import replace
 
+from palletloc.choices import TimeRule
 from palletloc.evaluation.pose_error import EvaluationError, from_measurements
 from palletloc.evaluation.run_match import RunMatch, ShotMatch, TrueScene, match_run
-from palletloc.evaluation.time_pairing import TimeRule
 from palletloc.io.recording import Recording
 from palletloc.io.truth import Truth
 from palletloc.measurement import PalletMeasurement

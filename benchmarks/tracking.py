@@ -16,7 +16,7 @@ from tracking import Odometry, OdometryNoise, PalletTracker, TrackerConfig, Twis
 from tracking.filter import GroupFilter
 from tracking.gating import Association
 from tracking.observation import Observation, observe
-from tracking.state import Key, regrouped
+from tracking.state import Key, members_of, regrouped
 
 REPEATS = 100
 """How many steps a filter does in one turn."""
@@ -77,18 +77,18 @@ def _steps(tracks: int) -> Callable[[], object]:
         _seen(),
     )
     began = [(Key(0.0, str(number)), group_filter.begin(observation)) for number in range(tracks)]
-    start = regrouped((), began, {key for key, _ in began}, config.tracks_together)
-    hits = [[(member, Association(observation)) for member in range(len(group.keys))] for group in start]
+    groups = regrouped((), began, {key for key, _ in began}, config.tracks_together)
+    hits = [[(member, Association(observation)) for member in range(len(group.keys))] for group in groups]
 
     def once() -> object:
-        groups = start
+        states = [group.state for group in groups]
         for _ in range(REPEATS):
-            groups = group_filter.predict_groups(groups, motion)
-            for group in groups:
-                for state in group.members.values():
-                    group_filter.innovation(state, observation)
-            groups = [group_filter.update_group(*pair) for pair in zip(groups, hits, strict=True)]
-        return groups
+            states = group_filter.predict(states, motion)
+            for state in states:
+                for member in members_of(state):
+                    group_filter.innovation(member, observation)
+            states = [group_filter.update(*pair) for pair in zip(states, hits, strict=True)]
+        return states
 
     return once
 

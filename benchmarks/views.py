@@ -54,10 +54,10 @@ def height_class(below: float, pallet_height: float) -> HeightClass:
     """
     if below >= FAR_BELOW:
         return HeightClass.FLOOR
-    apart = max(-below, below - pallet_height, 0.0)
-    if apart < SAME:
+    distance = max(-below, below - pallet_height, 0.0)
+    if distance < SAME:
         return HeightClass.SAME
-    return HeightClass.NEAR if apart < NEAR else HeightClass.OTHER
+    return HeightClass.NEAR if distance < NEAR else HeightClass.OTHER
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,8 +25,8 @@ def face_points(model: PalletModel) -> FloatArray:
     right, up = (grid.ravel() for grid in np.meshgrid(-y, z))
     solid = np.ones(len(right), np.bool_)
     for opening in model.openings:
-        beside = (right < opening.left - _INSET) | (right > opening.right + _INSET)
-        solid &= beside | (up < opening.bottom - _INSET) | (up > opening.top + _INSET)
+        outside = (right < opening.left - _INSET) | (right > opening.right + _INSET)
+        solid &= outside | (up < opening.bottom - _INSET) | (up > opening.top + _INSET)
     return np.stack([np.zeros(solid.sum()), -right[solid], up[solid]], -1)
 
 

@@ -1,8 +1,13 @@
-"""What a user chooses by name; light to import, so that a command can list its options at once."""
+"""What a user chooses, by name or within limits; light to import, so that a command can list its options at once."""
 
 from __future__ import annotations
 
 from enum import StrEnum
+
+MAX_RANGE = 4.5
+"""Farthest pallet that a method can be blamed for missing, in metres, where nothing else is asked."""
+NEAREST_LIMIT = 0.01
+"""How far a nearest sample of the truth may lie from a shot, in seconds: at 1 m/s the forklift moves 1 cm."""
 
 
 class Method(StrEnum):
@@ -58,3 +63,12 @@ class Illumination(StrEnum):
     """One strong lamp: hard shadows."""
     DIM = "dim"
     """A quarter of the light."""
+
+
+class TimeRule(StrEnum):
+    """How a value at a wanted time is taken from samples."""
+
+    NEAREST = "nearest"
+    """The sample nearest in time."""
+    INTERPOLATED = "interpolated"
+    """Between the samples before and after; never outside the first and last one."""

@@ -136,3 +136,8 @@ class PlaneView:
     """Between its pixels and metres."""
     camera_from_plane: RigidTransform
     """Where the plane was."""
+
+    @property
+    def plane_from_camera(self) -> FloatArray:
+        """(3,) the camera's centre in the plane's coordinates: right, up and towards the viewer, in metres."""
+        return np.asarray(self.camera_from_plane.inv().translation)

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from tracking.recording import TrackedRecording
 
 _ONLY_WITH_IMAGES = ("method", "strict", "resume", "verbose")
+"""Options that say how to localize; they have no meaning where measurements are given."""
 
 
 def track(

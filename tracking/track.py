@@ -12,7 +12,7 @@ from tracking.state import POSE, Gaussian, Key
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Rival:
+class Contradiction:
     """Measurements in a track's place that its gate rejected, fused with each other."""
 
     state: Gaussian
@@ -45,7 +45,7 @@ class Track:
     """Normalised innovation squared of its last measurement; None where none followed the first."""
     ratios: tuple[float, ...] = ()
     """The last ones over their degrees of freedom, each times the factor that the covariance had."""
-    rival: Rival | None = None
+    contradiction: Contradiction | None = None
     """What contradicts it."""
 
     @property
@@ -70,7 +70,7 @@ class Track:
             self.confirmed,
             self.nis,
             self.ratios,
-            self.rival,
+            self.contradiction,
         )
 
     def status(self, time: float, config: LifeConfig) -> Status:

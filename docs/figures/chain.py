@@ -39,7 +39,7 @@ figure, (front, above, score, face) = plt.subplots(
 )
 
 show_view(front, band.view)
-plane_from_camera = np.asarray(band.view.camera_from_plane.inv().translation)
+plane_from_camera = band.view.plane_from_camera
 for line in place_outline(model, start):
     points = seen_on_plane(band.forklift_from_plane.inv().apply(line), plane_from_camera)
     front.plot(*points.T, color="gold", linewidth=1.2)

@@ -107,8 +107,8 @@ def _draw_table(figure: Figure, top: float, edges: Sequence[EdgeAccount]) -> Non
         Of one face.
     """
     height = _ROW * len(edges)
-    told = f"offset outwards from where the fit looked for it (mm); bars: 2{SIGMA}"
-    add_text(figure, _CHART, top + 11, told, size=9.5)
+    caption = f"offset outwards from where the fit looked for it (mm); bars: 2{SIGMA}"
+    add_text(figure, _CHART, top + 11, caption, size=9.5)
     rows = add_axes(figure, _LEFT, top + _TABLE_HEAD, WIDTH_PX - _LEFT - _RIGHT, height)
     rows.set(xlim=(0, WIDTH_PX - _LEFT - _RIGHT), ylim=(len(edges) - 0.5, -0.5), facecolor="none")
     rows.set_axis_off()
@@ -204,7 +204,7 @@ def face_figure(name: str, outcome: Fit | Refusal, shot: Shot) -> Figure:
         _draw_panel(axes, view, candidate.model, shown, where, color)
         if shown and face is not None and view is not None:
             _shade_hidden(axes, face.seen.hidden)
-        add_text(figure, _LEFT, top + 6, where.capitalize() + _told(shown), size=10.5)
+        add_text(figure, _LEFT, top + 6, where.capitalize() + _counts(shown), size=10.5)
         top += _TITLE + height + _AXIS
     axes.set_xlabel("to the right of the face's middle (m)")
     add_legend(figure, top + 16, *figure.axes, columns=6)
@@ -222,13 +222,13 @@ def _view(shot: Shot, pose: LevelPose, model: PalletModel) -> PlaneView | None:
     return view if view.valid.all() else None
 
 
-def _told(edges: Sequence[EdgeAccount]) -> str:
+def _counts(edges: Sequence[EdgeAccount]) -> str:
     """Return what is to be said of the edges."""
     if not edges:
         return ""
     counts = {fate: sum(edge.fate is fate for edge in edges) for fate in _FATE_STYLES}
-    told = ", ".join(f"{count} {_FATE_STYLES[fate].label}" for fate, count in counts.items() if count)
-    return f": of {len(edges)} lines of the face {told}; a camera sees rounded edges beside the drawn ones"
+    counted = ", ".join(f"{count} {_FATE_STYLES[fate].label}" for fate, count in counts.items() if count)
+    return f": of {len(edges)} lines of the face {counted}; a camera sees rounded edges beside the drawn ones"
 
 
 def _draw_panel(

@@ -129,7 +129,7 @@ def _page(low: FloatArray, high: FloatArray) -> tuple[float, float, float]:
 
 def _magnifications(covariance: FloatArray) -> tuple[int, int]:
     """Return how many times as large the ellipse and the fan are drawn: as little as makes them easy to see."""
-    axis, angle = 3 * float(half_axes(covariance)[0]), 3 * float(np.sqrt(covariance[3, 3]))
+    axis, angle = 3 * float(_half_axes(covariance)[0]), 3 * float(np.sqrt(covariance[3, 3]))
     return _magnification(axis, _CLEAR, _LARGEST), _magnification(angle, _CLEAR_FAN, _LARGEST_FAN)
 
 
@@ -138,7 +138,7 @@ def _magnification(size: float, clear: float, largest: float) -> int:
     return next((times for times in fitting if times * size >= clear), (fitting or [1])[-1])
 
 
-def half_axes(covariance: FloatArray) -> FloatArray:
+def _half_axes(covariance: FloatArray) -> FloatArray:
     """Return the half axes of the ellipse of one standard deviation on the floor, (2,), longer first, in metres."""
     return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(covariance[:2, :2])[::-1], 0.0)))
 
@@ -187,7 +187,7 @@ def _fan(pose: LevelPose, reach: float, color: str, alpha: float) -> Polygon:
 def _ellipse(pose: LevelPose, covariance: FloatArray, times: int, color: str) -> Ellipse:
     """Return the ellipse of one standard deviation, so many times as large."""
     vectors = np.linalg.eigh(covariance[:2, :2])[1]
-    major, minor = 2 * times * half_axes(covariance)
+    major, minor = 2 * times * _half_axes(covariance)
     angle = float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])))
     return Ellipse((pose.x, pose.y), major, minor, angle=angle, fill=False, edgecolor=color, linewidth=1.6)
 
@@ -205,7 +205,7 @@ def _draw_table(figure: Figure, top: float, pallets: Sequence[Placed]) -> None:
     for title, at, align in _COLUMNS:
         axes.text(at, 0, title, ha=align, va="center", size=9.5, color=FAINT)
     for row, (name, _, pose, covariance) in enumerate(pallets, start=1):
-        long, short = 1000 * half_axes(covariance)
+        long, short = 1000 * _half_axes(covariance)
         rise, turn = 1000 * np.sqrt(covariance[2, 2]), np.degrees(np.sqrt(covariance[3, 3]))
         values = (round(value, 3) + 0.0 for value in (pose.z, pose.x, pose.y))
         cells = [name, *(f"{value:.3f}" for value in values), f"{long:.1f}", f"{short:.1f}", f"{rise:.1f}"]

@@ -34,7 +34,7 @@ from palletloc.geometry import FloatArray, LevelPose
 from palletloc.refinement.patch import FacePatch
 from palletloc.refinement.search import Search
 
-PEAK = "#38d3ff"
+_PEAK = "#38d3ff"
 """On photographs: a hypothesis."""
 _HALO = halo(3.2)
 """Around lines and numbers on photographs and maps."""
@@ -283,7 +283,7 @@ def _draw_views(
 ) -> None:
     """Draw the scored view twice: with the face at the best peak, and where the fit put it."""
     best = found.found.peaks[0]
-    poses = [(best.pose, PEAK, f"At the best peak, score {best.score:.2f}")]
+    poses = [(best.pose, _PEAK, f"At the best peak, score {best.score:.2f}")]
     if result.pose is None:
         poses.append((candidate.start, STARTED, "At the start: no pose was fitted"))
     else:

@@ -32,7 +32,7 @@ from palletloc.geometry import FloatArray
 from palletloc.plane import PlaneView
 from palletloc.shelf_view import ShelfView
 
-Outlined = tuple[str, Fit | Refusal, list[FloatArray]]
+_Outlined = tuple[str, Fit | Refusal, list[FloatArray]]
 """A candidate's name, what became of it, and the lines of its face as a view shows them."""
 
 _HALO = halo(2.5)
@@ -53,7 +53,7 @@ _SIDES = ((1, 1), (-1, 1), (1, -1), (-1, -1), (1, 0), (-1, 0), (0, 1), (0, -1))
 class _Band:
     """One view with the candidates that lie on it."""
 
-    outlines: list[Outlined]
+    outlines: list[_Outlined]
     """The candidates."""
     view: PlaneView
     """The view."""
@@ -107,7 +107,7 @@ def shelf_figure(views: Sequence[ShelfView], candidates: Named) -> Figure:
 
 def _bands(views: Sequence[ShelfView], candidates: Named) -> list[_Band]:
     """Give each view its candidates, and all views the same stretch of the shelf."""
-    drawn: list[list[Outlined]] = [[] for _ in views]
+    drawn: list[list[_Outlined]] = [[] for _ in views]
     for name, outcome in candidates:
         shown = [_on_view(seen, outcome) for seen in views]
         shares = [_share_inside(seen, lines) for seen, lines in zip(views, shown, strict=True)]
@@ -124,7 +124,7 @@ def _bands(views: Sequence[ShelfView], candidates: Named) -> list[_Band]:
 
 
 def _limits(
-    view: PlaneView, outlines: Sequence[Outlined], left: float, right: float
+    view: PlaneView, outlines: Sequence[_Outlined], left: float, right: float
 ) -> tuple[float, float, float, float]:
     """Return the part of a view to draw: around the outlines, or all of its height where there are none."""
     (first, top), (last, bottom) = view.grid.points(
@@ -150,7 +150,7 @@ def _extremes(values: Sequence[FloatArray], otherwise: tuple[float, float]) -> t
 def _on_view(seen: ShelfView, outcome: Fit | Refusal) -> list[FloatArray]:
     """Return the lines of a candidate's face as the view shows them."""
     plane_from_forklift = seen.forklift_from_plane.inv()
-    plane_from_camera = np.asarray(seen.view.camera_from_plane.inv().translation)
+    plane_from_camera = seen.view.plane_from_camera
     pose = outcome.pose if isinstance(outcome, Fit) else outcome.candidate.start
     return [
         seen_on_plane(plane_from_forklift.apply(line), plane_from_camera)

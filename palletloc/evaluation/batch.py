@@ -187,13 +187,13 @@ def evaluate_in_parallel(
         raise ClusterError(
             "--batch needs dask.distributed; expected it to be installed: python -m pip install 'palletloc[batch]'"
         ) from None
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what fails is told by the results
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # the results name what fails
     if scheduler is not None:
         try:
             client = Client(scheduler, timeout=CONNECT_TIMEOUT)
         except (OSError, ValueError) as error:
-            told = " ".join(str(error).split()) or type(error).__name__
-            raise ClusterError(f"--scheduler {scheduler}: cannot be reached: {told}") from None
+            reason = " ".join(str(error).split()) or type(error).__name__
+            raise ClusterError(f"--scheduler {scheduler}: cannot be reached: {reason}") from None
         with client:
             yield from _results(client, as_completed, jobs, work)
         return
@@ -219,8 +219,8 @@ def _results(
         if error is None:
             yield future.result()
         else:
-            told = " ".join(f"{type(error).__name__}: {error}".split())
-            yield BatchResult(names[future.key], problem=told)
+            problem = " ".join(f"{type(error).__name__}: {error}".split())
+            yield BatchResult(names[future.key], problem=problem)
 
 
 def pooled(results: Iterable[BatchResult]) -> tuple[SourceTotals, ...]:

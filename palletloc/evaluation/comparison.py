@@ -124,7 +124,7 @@ def paired_difference(
     first, second : (n,) array
         Values of the same views, n at least 1.
     shots : (n,) array_like
-        What tells the shots apart: times or numbers.
+        The shot of each value: its time or number.
     confidence, resamples, seed
         As for `compare_runs`.
 
@@ -133,13 +133,13 @@ def paired_difference(
     PairedDifference
         Second minus first.
     """
-    apart = np.asarray(second, dtype=np.float64) - np.asarray(first, dtype=np.float64)
+    changes = np.asarray(second, dtype=np.float64) - np.asarray(first, dtype=np.float64)
     _, of_shot = np.unique(np.asarray(shots), return_inverse=True)
-    sums = np.bincount(of_shot, apart).astype(np.float64)
+    sums = np.bincount(of_shot, changes).astype(np.float64)
     counts = np.bincount(of_shot).astype(np.float64)
     mean = float(sums.sum() / counts.sum())
     low, high = _interval(sums, counts, mean, confidence, resamples, np.random.default_rng(seed))
-    return PairedDifference(mean, low, high, int((apart < 0).sum()), int((apart > 0).sum()))
+    return PairedDifference(mean, low, high, int((changes < 0).sum()), int((changes > 0).sum()))
 
 
 def _interval(
@@ -148,7 +148,7 @@ def _interval(
     if len(sums) < 2:
         return float("nan"), float("nan")
     if np.allclose(sums, mean * counts, rtol=1e-12, atol=1e-300):
-        return mean, mean  # every shot says the same: nothing to resample
+        return mean, mean  # every shot gives the same: nothing to resample
 
     def ratio(total: FloatArray, number: FloatArray, axis: int = -1) -> FloatArray:
         return np.asarray(total.sum(axis=axis) / number.sum(axis=axis))

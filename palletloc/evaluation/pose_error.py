@@ -13,6 +13,7 @@ from typing import Protocol
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
+from palletloc.choices import MAX_RANGE
 from palletloc.errors import PalletLocError, nearest_name
 from palletloc.evaluation.statistics import nees, normalised
 from palletloc.geometry import FloatArray, LevelPose, level_pose
@@ -23,7 +24,7 @@ COMPONENTS = ("depth", "along", "height", "yaw")
 
 
 class EvaluationError(PalletLocError):
-    """Truth and measurements that do not belong together; says which time or model, and what was expected."""
+    """Truth and measurements that do not belong together; names the time or the model, and what was expected."""
 
 
 class PlacedPallet(Protocol):
@@ -46,7 +47,7 @@ class PlacedPallet(Protocol):
 class Visibility:
     """Which true pallets count as visible in a shot: those a method can be blamed for missing."""
 
-    max_range: float = 4.5
+    max_range: float = MAX_RANGE
     """Farthest middle of the lower edge from the camera, in metres."""
     min_bearing_deg: float = 6.0
     """Least angle of the face's ends from the camera's forward axis, in degrees."""
@@ -124,9 +125,9 @@ def _seen(
     edge = np.array([[0.0, side * width / 2, 0.0] for side in (-1, 0, 1)])
     points = forklift_from_camera.inv().apply(pose.transform().apply(edge))
     bearing = np.degrees(np.arctan2(points[:, 1], points[:, 0]))
-    beside = np.copysign(1.0, bearing[1]) * bearing
+    turned = np.copysign(1.0, bearing[1]) * bearing
     distance = float(np.linalg.norm(points[1]))
-    within = beside.min() > visibility.min_bearing_deg and beside.max() < visibility.max_bearing_deg
+    within = turned.min() > visibility.min_bearing_deg and turned.max() < visibility.max_bearing_deg
     return distance, bool(within and distance <= visibility.max_range)
 
 

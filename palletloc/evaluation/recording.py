@@ -1,4 +1,4 @@
-"""All runs over one recording, evaluated, and the files that tell of them: metrics.json, errors.csv and pages."""
+"""All runs over one recording, evaluated, and their files: metrics.json, errors.csv and pages."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def write_results(evaluated: EvaluatedRecording, out: Path, others: Mapping[str,
     Parameters
     ----------
     evaluated : EvaluatedRecording
-        What to tell of.
+        The results.
     out : Path
         Folder for the files; made if missing.
     others : mapping of str to str, optional

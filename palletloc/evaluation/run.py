@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from palletloc.evaluation.breakdown import by_stop
+from palletloc.choices import NEAREST_LIMIT, TimeRule
+from palletloc.evaluation.breakdown import StopAccuracy, by_stop, stop_accuracy
 from palletloc.evaluation.comparison import RunComparison, compare_runs
-from palletloc.evaluation.iso9283 import StopAccuracy, stop_accuracy
 from palletloc.evaluation.pose_error import (
     EvaluationError,
     PalletEstimate,
@@ -22,7 +22,6 @@ from palletloc.evaluation.pose_error import (
 )
 from palletloc.evaluation.requirement import Requirement, RequirementCheck, check_requirement
 from palletloc.evaluation.run_match import (
-    NEAREST_LIMIT,
     SAME_TIME,
     DetectionRate,
     ShotMatch,
@@ -32,7 +31,7 @@ from palletloc.evaluation.run_match import (
     match_run,
     match_shot,
 )
-from palletloc.evaluation.time_pairing import TimeRule, nearest_pairs, require_overlap
+from palletloc.evaluation.time_pairing import nearest_pairs, require_overlap
 from palletloc.evaluation.truth import RecordingTruth
 from palletloc.geometry import LevelPose
 from palletloc.io.measurements import read_measurements
@@ -59,7 +58,7 @@ _FORKLIFT = LevelPose(0.0, 0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunFiles:
-    """What a run says of a recording."""
+    """The estimates of a run over a recording."""
 
     name: str
     """What it is called in results."""

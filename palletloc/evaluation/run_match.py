@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
+from palletloc.choices import NEAREST_LIMIT, TimeRule
 from palletloc.evaluation.pose_error import (
     EvaluationError,
     PalletEstimate,
@@ -19,7 +20,7 @@ from palletloc.evaluation.pose_error import (
     true_faces,
 )
 from palletloc.evaluation.statistics import Proportion, clopper_pearson
-from palletloc.evaluation.time_pairing import TimeRule, brackets, nearest_pairs, require_overlap
+from palletloc.evaluation.time_pairing import brackets, nearest_pairs, require_overlap
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.trajectory import Trajectory
 
@@ -27,8 +28,6 @@ PAIRING_DISTANCE = 0.5
 """Farthest that a measurement may lie from the pallet it belongs to, in metres."""
 SAME_TIME = 1e-3
 """Within which a measurement's time is a shot's, in seconds."""
-NEAREST_LIMIT = 0.01
-"""How far a nearest sample of the truth may lie from a shot, in seconds: at 1 m/s the forklift moves 1 cm."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,14 +92,14 @@ def _pairs(estimates: Sequence[PalletEstimate], faces: Sequence[TrueFace]) -> li
         return []
     found = np.array([estimate.forklift_from_pallet.as_array()[:3] for estimate in estimates])
     true = np.array([face.forklift_from_pallet.as_array()[:3] for face in faces])
-    apart = np.linalg.norm(found[:, None] - true, axis=2)
+    distances = np.linalg.norm(found[:, None] - true, axis=2)
     pairs = []
-    for _ in range(min(apart.shape)):
-        row, column = (int(index) for index in np.unravel_index(int(apart.argmin()), apart.shape))
-        if not apart[row, column] < PAIRING_DISTANCE:
+    for _ in range(min(distances.shape)):
+        row, column = (int(index) for index in np.unravel_index(int(distances.argmin()), distances.shape))
+        if not distances[row, column] < PAIRING_DISTANCE:
             break
         pairs.append((row, column))
-        apart[row, :] = apart[:, column] = np.inf
+        distances[row, :] = distances[:, column] = np.inf
     return pairs
 
 
@@ -254,12 +253,12 @@ def _true_poses(
         pairs = nearest_pairs(times, path.times, limit)
         taken = path.times[pairs.second]
         used = {int(shot): path.pose_at(float(time)) for shot, time in zip(pairs.first, taken, strict=True)}
-        return used, float(np.abs(pairs.apart).max(initial=0.0))
+        return used, float(np.abs(pairs.differences).max(initial=0.0))
     between = brackets(times, path.times, limit)
     wanted = times[between.wanted]
-    away = np.minimum(wanted - path.times[between.before], path.times[between.after] - wanted)
+    nearest = np.minimum(wanted - path.times[between.before], path.times[between.after] - wanted)
     used = {int(shot): path.pose_at(float(times[shot])) for shot in between.wanted}
-    return used, float(away.max(initial=0.0))
+    return used, float(nearest.max(initial=0.0))
 
 
 def _matched(time: float, found: Sequence[PalletEstimate], pose: LevelPose, scene: TrueScene) -> ShotMatch:

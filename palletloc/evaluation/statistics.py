@@ -87,6 +87,11 @@ class Proportion:
         """Part that succeeded, 0 to 1; NaN without a trial."""
         return self.successes / self.trials if self.trials else float("nan")
 
+    @property
+    def counted(self) -> str:
+        """As tables and pages say it: ``59 of 60``."""
+        return f"{self.successes} of {self.trials}"
+
 
 def clopper_pearson(successes: int, trials: int, confidence: float = 0.95) -> Proportion:
     r"""Return a proportion with its two-sided Clopper-Pearson interval.

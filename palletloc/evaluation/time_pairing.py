@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,15 +14,6 @@ IntArray = NDArray[np.int64]
 """Array of indices."""
 
 
-class TimeRule(StrEnum):
-    """How a value at a wanted time is taken from samples."""
-
-    NEAREST = "nearest"
-    """The sample nearest in time."""
-    INTERPOLATED = "interpolated"
-    """Between the samples before and after; never outside the first and last one."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class TimePairs:
     """Samples of two series that belong together."""
@@ -32,7 +22,7 @@ class TimePairs:
     """(k,) indices in the first series."""
     second: IntArray
     """(k,) indices in the second series."""
-    apart: FloatArray
+    differences: FloatArray
     """(k,) time of the second minus that of the first, in seconds."""
 
 
@@ -109,9 +99,9 @@ def nearest_pairs(first: FloatArray, second: FloatArray, limit: float) -> TimePa
         return TimePairs(none, none, np.zeros(0))
     order = np.argsort(second, kind="stable")
     partner = order[_nearest_in_order(first, second[order])]
-    apart = second[partner] - first
-    kept = np.flatnonzero(np.abs(apart) <= limit)
-    return TimePairs(kept, partner[kept], apart[kept])
+    differences = second[partner] - first
+    kept = np.flatnonzero(np.abs(differences) <= limit)
+    return TimePairs(kept, partner[kept], differences[kept])
 
 
 def _nearest_in_order(wanted: FloatArray, samples: FloatArray) -> IntArray:

@@ -177,18 +177,18 @@ def _agreement(
         true = {pose.id: pose.forklift_from_pallet for pose in continuous_poses(path, pallets, stop.time)}
         for pose in stop.poses:
             error = -pose.error(true[pose.id])
-            apart = float(np.linalg.norm(error[:3]))
+            distance = float(np.linalg.norm(error[:3]))
             if abs(error[3]) > _MOST_TURNED:
                 raise EvaluationError(
                     f"{place / _SURVEY}: stop '{stop.name}', pallet '{pose.id}': is turned by"
                     f" {np.degrees(error[3]):.0f} degrees from how the forklift's path and pallets.csv put it;"
                     " are their angles in radians?"
                 )
-            if apart > PAIRING_DISTANCE:
+            if distance > PAIRING_DISTANCE:
                 raise EvaluationError(
-                    f"{place / _SURVEY}: stop '{stop.name}', pallet '{pose.id}': is {apart:.2f} m from where the"
+                    f"{place / _SURVEY}: stop '{stop.name}', pallet '{pose.id}': is {distance:.2f} m from where the"
                     f" forklift's path and pallets.csv put it, expected at most {PAIRING_DISTANCE} m;"
                     " is it the survey of another site, or of another time?"
                 )
-            found.append(SurveyAgreement(stop.name, pose.id, error, -pose.normalized_error(true[pose.id])))
+            found.append(SurveyAgreement(stop.name, pose.id, error, -pose.normalised_error(true[pose.id])))
     return tuple(found)

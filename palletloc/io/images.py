@@ -17,7 +17,7 @@ from palletloc.io.reading import InputError, read_bytes
 
 MAX_SIDE_PX = 16_384
 """Longest side that is decoded; ``cv2.remap`` itself ends at 32 767."""
-MAX_PIXELS = 1 << 27
+_MAX_PIXELS = 1 << 27
 """Most pixels that are decoded: 16 384 x 8192, 400 MB in colour."""
 _JPEG, _PNG = b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n"
 """What files begin with: JPEG's start of image and the next marker; PNG's signature (ISO/IEC 15948, 5.2)."""
@@ -155,9 +155,9 @@ def _check_content(path: Path, content: bytes, size: tuple[int, int] | None) -> 
     if header is None:
         raise ImageError(f"{path}: is not a JPEG or PNG image, or is cut off before its size")
     width, height, complete = header
-    if not (0 < width <= MAX_SIDE_PX and 0 < height <= MAX_SIDE_PX and width * height <= MAX_PIXELS):
+    if not (0 < width <= MAX_SIDE_PX and 0 < height <= MAX_SIDE_PX and width * height <= _MAX_PIXELS):
         raise ImageError(
-            f"{path}: is {width} x {height} px; expected at most {MAX_SIDE_PX} px a side and {MAX_PIXELS} px in all"
+            f"{path}: is {width} x {height} px; expected at most {MAX_SIDE_PX} px a side and {_MAX_PIXELS} px in all"
         )
     if size is not None and (width, height) != size:
         raise ImageError(f"{path}: is {width} x {height} px, the camera is {size[0]} x {size[1]} px")

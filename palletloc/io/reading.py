@@ -6,7 +6,7 @@ from pathlib import Path
 
 from palletloc.errors import PalletLocError
 
-MAX_FILE_BYTES = 1 << 28
+_MAX_FILE_BYTES = 1 << 28
 """Largest file that is read, in bytes: a guard against a wrong file, far above any real one."""
 
 
@@ -45,13 +45,13 @@ def read_bytes(path: Path) -> bytes:
     Raises
     ------
     InputError
-        If it is missing, not a regular file, larger than ``MAX_FILE_BYTES``, or not readable.
+        If it is missing, not a regular file, larger than 256 MiB, or not readable.
     """
     try:
         if path.exists() and not path.is_file():
             raise InputError(f"{path}: is not a file")
-        if (size := path.stat().st_size) > MAX_FILE_BYTES:
-            raise InputError(f"{path}: has {size} bytes, at most {MAX_FILE_BYTES} are read")
+        if (size := path.stat().st_size) > _MAX_FILE_BYTES:
+            raise InputError(f"{path}: has {size} bytes, at most {_MAX_FILE_BYTES} are read")
         return path.read_bytes()
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None

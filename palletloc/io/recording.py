@@ -40,9 +40,9 @@ RECORDING, PALLETS, SHOTS, ODOMETRY = "recording.yaml", "pallets.yaml", "shots.c
 """Names of the files in the folder."""
 SHOT_COLUMNS = ("time_s", "file")
 """Header of shots.csv."""
-ODOMETRY_COLUMNS = ("time_s", "x_m", "y_m", "yaw_rad", "speed_mps", "yaw_rate_radps")
+_ODOMETRY_COLUMNS = ("time_s", "x_m", "y_m", "yaw_rad", "speed_mps", "yaw_rate_radps")
 """Header of odometry.csv."""
-MIN_SHELF_DISTANCE = 0.2
+_MIN_SHELF_DISTANCE = 0.2
 """Closest that the camera may be to the shelf's front plane, in metres."""
 
 
@@ -242,12 +242,12 @@ def _read_shots(path: Path) -> tuple[ShotFile, ...]:
 
 
 def _read_odometry(path: Path) -> Trajectory:
-    rows = in_order_of_time(read_rows(path, ODOMETRY_COLUMNS))
-    cells = (row.number(column) for row in rows for column in ODOMETRY_COLUMNS)
+    rows = in_order_of_time(read_rows(path, _ODOMETRY_COLUMNS))
+    cells = (row.number(column) for row in rows for column in _ODOMETRY_COLUMNS)
     numbers = np.fromiter(cells, dtype=np.float64)
     if not numbers.size:
         raise TableError(f"{path}: has no rows; expected at least one pose")
-    times, x, y, yaw, speed, yaw_rate = numbers.reshape(-1, len(ODOMETRY_COLUMNS)).T
+    times, x, y, yaw, speed, yaw_rate = numbers.reshape(-1, len(_ODOMETRY_COLUMNS)).T
     return Trajectory(times, x, y, yaw, speed=speed, yaw_rate=yaw_rate)
 
 
@@ -265,11 +265,11 @@ def check_shelf(recording: Recording) -> None:
     x, y, _ = odom_from_forklift.apply(recording.forklift_from_camera.translation)
     shelf = recording.shelf
     distance = float((x - shelf.x) * np.cos(shelf.facing) + (y - shelf.y) * np.sin(shelf.facing))
-    if distance < MIN_SHELF_DISTANCE:
-        where = "behind the plane" if distance <= -MIN_SHELF_DISTANCE else "on the plane"
+    if distance < _MIN_SHELF_DISTANCE:
+        where = "behind the plane" if distance <= -_MIN_SHELF_DISTANCE else "on the plane"
         raise DocumentError(
             f"{recording.folder / RECORDING}: shelf: at the first shot the camera is {where},"
-            f" {distance:.2f} m in front of it; expected at least {MIN_SHELF_DISTANCE} m"
+            f" {distance:.2f} m in front of it; expected at least {_MIN_SHELF_DISTANCE} m"
             " on the side that facing_deg points to"
         )
 
@@ -303,7 +303,7 @@ def write_recording(
         write_text(partial / PALLETS, format_pallets(recording.models))
         shots = ((format_time(shot.time), shot.file) for shot in recording.shots)
         write_rows(partial / SHOTS, SHOT_COLUMNS, shots)
-        write_rows(partial / ODOMETRY, ODOMETRY_COLUMNS, _odometry_rows(recording.odometry))
+        write_rows(partial / ODOMETRY, _ODOMETRY_COLUMNS, _odometry_rows(recording.odometry))
         for shot, image in zip(recording.shots, images, strict=True):
             if image.shape[:2] != (recording.camera.height, recording.camera.width):
                 raise ValueError(f"{shot.file}: the image has the shape {image.shape}, not the camera's size")

@@ -13,17 +13,17 @@ Number = Annotated[float, BeforeValidator(Numbers())]
 """One finite number."""
 Angle = Annotated[float, BeforeValidator(Numbers(positive=True)), Field(le=180.0)]
 """How far off its axis a lens sees, in degrees."""
-Pair = Annotated[tuple[float, float], BeforeValidator(Numbers(2))]
+_Pair = Annotated[tuple[float, float], BeforeValidator(Numbers(2))]
 """Two finite numbers."""
 Focal = Annotated[tuple[float, float], BeforeValidator(Numbers(2, positive=True))]
 """Two positive numbers."""
 Triple = Annotated[tuple[float, float, float], BeforeValidator(Numbers(3))]
 """Three finite numbers."""
-Sigmas = Annotated[tuple[float, float, float], BeforeValidator(Numbers(3, non_negative=True))]
+_Sigmas = Annotated[tuple[float, float, float], BeforeValidator(Numbers(3, non_negative=True))]
 """Three standard deviations."""
-FourNumbers = Annotated[tuple[float, float, float, float], BeforeValidator(Numbers(4))]
+_FourNumbers = Annotated[tuple[float, float, float, float], BeforeValidator(Numbers(4))]
 """Four finite numbers."""
-FiveNumbers = Annotated[tuple[float, float, float, float, float], BeforeValidator(Numbers(5))]
+_FiveNumbers = Annotated[tuple[float, float, float, float, float], BeforeValidator(Numbers(5))]
 """Five finite numbers."""
 Pixels = Annotated[int, Field(strict=True, gt=0, le=MAX_SIDE_PX)]
 """Width or height of an image."""
@@ -41,7 +41,7 @@ class _LensKeys(Document):
     """What every lens begins with."""
 
     focal_px: Focal
-    center_px: Pair
+    center_px: _Pair
     """In the whole image, as the camera writes it."""
 
 
@@ -55,7 +55,7 @@ class PinholeSpec(_LensKeys, _CameraKeys):
     """A pinhole camera with Brown's distortion."""
 
     model: Literal["pinhole"]
-    distortion: FiveNumbers
+    distortion: _FiveNumbers
     """k1, k2, p1, p2, k3, as OpenCV orders them."""
 
 
@@ -63,7 +63,7 @@ class KannalaBrandtSpec(_LensKeys, _CameraKeys):
     """A fisheye lens in the model of Kannala and Brandt."""
 
     model: Literal["kannala_brandt"]
-    distortion: FourNumbers
+    distortion: _FourNumbers
     """k1, k2, k3, k4."""
     max_angle_deg: Angle
 
@@ -73,7 +73,7 @@ class MeiSpec(_LensKeys, _CameraKeys):
 
     model: Literal["mei"]
     xi: Number
-    distortion: FourNumbers
+    distortion: _FourNumbers
     """k1, k2, p1, p2."""
     max_angle_deg: Angle
 
@@ -99,7 +99,7 @@ class EucmSpec(_LensKeys, _CameraKeys):
 class LensSpec(_LensKeys):
     """One lens of a dual fisheye camera, in the model of Kannala and Brandt."""
 
-    distortion: FourNumbers
+    distortion: _FourNumbers
     max_angle_deg: Angle
     translation_m: Triple
     """The lens's optical centre in the camera frame."""
@@ -122,7 +122,7 @@ class StitchedLensSpec(Document):
     roll_pitch_yaw_deg: Triple
     """Its orientation there: R = Rz(yaw) Ry(pitch) Rx(roll); nominally no turn for the front lens, 180 of yaw for
     the back one."""
-    bend: Pair
+    bend: _Pair
     """k1, k2: what was at theta off its axis was stitched at theta (1 + k1 theta^2 + k2 theta^4)."""
 
 
@@ -153,16 +153,16 @@ class MountingSpec(Document):
     translation_m: Triple
     roll_pitch_yaw_deg: Triple
     """R = Rz(yaw) Ry(pitch) Rx(roll)."""
-    translation_sigma_m: Sigmas | None = None
+    translation_sigma_m: _Sigmas | None = None
     """Standard deviations along the forklift's axes."""
-    rotation_sigma_deg: Sigmas | None = None
+    rotation_sigma_deg: _Sigmas | None = None
     """Standard deviations about the forklift's axes."""
 
 
 class ShelfSpec(Document):
     """The nominal front plane of the shelf, in odom."""
 
-    point_m: Pair
+    point_m: _Pair
     facing_deg: Number
     """Heading of the normal that points from the shelf into the aisle."""
     levels_m: tuple[Number, ...] | None = None

@@ -14,11 +14,11 @@ from palletloc.io.measurements import POSE_COLUMNS, format_time, read_pose
 from palletloc.io.reading import InputError, read_text
 from palletloc.trajectory import Trajectory
 
-FORKLIFT_COLUMNS = ("time_s", *POSE_COLUMNS)
+_FORKLIFT_COLUMNS = ("time_s", *POSE_COLUMNS)
 """Header of truth/forklift.csv."""
-PALLET_COLUMNS = ("id", "model", *POSE_COLUMNS)
+_PALLET_COLUMNS = ("id", "model", *POSE_COLUMNS)
 """Header of truth/pallets.csv."""
-MAX_TILT_DEG = 5.0
+_MAX_TILT_DEG = 5.0
 """Tilt beyond which a pose is not that of a vehicle on a floor, in degrees."""
 _TUM_COLUMNS = "time x y z qx qy qz qw"
 """Of a line in TUM form: seconds, metres, a quaternion with its scalar last."""
@@ -79,7 +79,7 @@ def read_truth(folder: str | Path) -> Truth:
 
 
 def _read_forklift(path: Path) -> Trajectory:
-    rows = [row.numbers(FORKLIFT_COLUMNS) for row in in_order_of_time(read_rows(path, FORKLIFT_COLUMNS))]
+    rows = [row.numbers(_FORKLIFT_COLUMNS) for row in in_order_of_time(read_rows(path, _FORKLIFT_COLUMNS))]
     if not rows:
         raise TableError(f"{path}: has no rows; expected at least one pose")
     times, x, y, z, yaw = np.array(rows).T
@@ -96,7 +96,7 @@ def read_pallets(path: Path) -> tuple[TruePallet, ...]:
     """
     lines: dict[str, int] = {}
     pallets = []
-    for row in read_rows(path, PALLET_COLUMNS):
+    for row in read_rows(path, _PALLET_COLUMNS):
         name = row.text("id")
         if name in lines:
             raise row.fault(f"id: '{name}' stands in line {lines[name]} already; expected different names")
@@ -125,9 +125,9 @@ def write_truth(folder: Path, truth: Truth) -> None:
     """
     path = truth.forklift
     poses = ([format_time(float(time)), *_pose_cells(path.pose_at(float(time)))] for time in path.times)
-    write_rows(folder / "truth" / "forklift.csv", FORKLIFT_COLUMNS, poses)
+    write_rows(folder / "truth" / "forklift.csv", _FORKLIFT_COLUMNS, poses)
     pallets = ([pallet.id, pallet.model, *_pose_cells(pallet.world_from_pallet)] for pallet in truth.pallets)
-    write_rows(folder / "truth" / "pallets.csv", PALLET_COLUMNS, pallets)
+    write_rows(folder / "truth" / "pallets.csv", _PALLET_COLUMNS, pallets)
 
 
 def _pose_cells(pose: LevelPose) -> list[str]:
@@ -186,9 +186,9 @@ def _tum_pose(path: Path, number: int, line: str) -> list[float]:
         raise TableError(f"{path}, line {number}: expected a quaternion of length 1, got {norm:.3g}")
     qx, qy, qz, qw = quaternion / norm
     tilt = math.degrees(2 * math.asin(min(1.0, math.hypot(qx, qy))))
-    if tilt > MAX_TILT_DEG:
+    if tilt > _MAX_TILT_DEG:
         raise TableError(
-            f"{path}, line {number}: the pose is tilted by {tilt:.1f} degrees, expected at most {MAX_TILT_DEG:.0f}:"
+            f"{path}, line {number}: the pose is tilted by {tilt:.1f} degrees, expected at most {_MAX_TILT_DEG:.0f}:"
             " z up, and the scalar of the quaternion last"
         )
     return [*values[:4], math.atan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy**2 + qz**2))]

@@ -108,11 +108,10 @@ def _slid(start: LevelPose, center: FloatArray, turn: float, depth: float) -> Le
 
 def _match(shot: Shot, base: LevelPose, model: PalletModel, config: JointSearchConfig) -> tuple[float, LevelPose]:
     """Return the best score of one hypothesis over small shifts on its plane, and the shifted pose."""
-    camera = shot.camera_in(base)
     half = model.width / 2 + config.sideways + 0.05
     low, high = -config.upward - 0.05, model.height + config.upward + 0.05
     view = shot.vertical_view(base, (-half, half, low, high), config.resolution)
-    grid = view.grid
+    grid, camera = view.grid, view.plane_from_camera
     window = (round(0.4 / grid.resolution) | 1, round(0.2 / grid.resolution) | 1)
     template = face_template(model, edge_energy(view.image, window), grid.resolution, camera)
     heights = np.arange(-config.upward, config.upward + 1e-9, 2 * config.resolution)[:, None]

@@ -97,7 +97,7 @@ def sweep(
     slack = 0.0 if yaw_known else config.face_slack
     reach = (min(config.nearer + slack, 0.4 * distance), config.farther + slack)
     view = shot.vertical_view(base, _swept_extent(model, camera, reach, prior, config), config.sweep_resolution)
-    grid = view.grid
+    grid, camera = view.grid, view.plane_from_camera
     if view.valid.mean() < 0.5:
         return Reason.OUT_OF_VIEW
     window = (round(0.4 / grid.resolution) | 1, round(0.2 / grid.resolution) | 1)

@@ -6,8 +6,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from urllib.parse import quote
 
-import numpy as np
-
 from palletloc.drawing.canvas import small_png
 from palletloc.evaluation.batch import BatchResult, SourceTotals, pooled
 from palletloc.evaluation.requirement import Requirement, Verdict, check_requirement
@@ -25,7 +23,7 @@ from palletloc.report.page import (
     picture,
     table,
 )
-from palletloc.report.source_style import QUANTITIES, STYLES
+from palletloc.report.source_style import NONE, QUANTITIES, STYLES
 
 INDEX = "index.html"
 """Name of the file."""
@@ -81,7 +79,7 @@ def _overall(totals: SourceTotals, requirement: Requirement) -> Iterator[str]:
     yield paragraph(f"{totals.run}, {STYLES[totals.source].label}: requirement {verdict}.", "lead")
     yield key_figures(
         [
-            (f"{inside.successes} of {inside.trials}", f"errors inside, {100 * requirement.share:g} % required"),
+            (inside.counted, f"errors inside, {100 * requirement.share:g} % required"),
             (f"{len(totals.offsets)} of {totals.visible}", "pallets found that had to be"),
             (str(totals.false), "estimates where no pallet stands"),
             (str(totals.shots), "shots"),
@@ -98,17 +96,9 @@ def _rows(name: Cell, result: BatchResult, requirement: Requirement) -> Iterator
             totals.run,
             STYLES[totals.source].label,
             f"{len(totals.offsets)} of {totals.visible}",
-            *_sizes(totals),
-            f"{inside.successes} of {inside.trials}",
+            *(quantity.sizes_text(totals.offsets) or NONE for quantity in QUANTITIES),
+            inside.counted,
             str(check.verdict).replace("_", " "),
         ]
     if result.problem:
         yield [result.name, "", "not evaluated", *[""] * (len(_COLUMNS) - 3)]
-
-
-def _sizes(totals: SourceTotals) -> Iterator[str]:
-    for quantity in QUANTITIES:
-        sizes = quantity.scale * np.abs(totals.offsets[:, quantity.column])
-        digits = 2 if quantity.column == 3 else 1
-        numbers = (np.median(sizes), np.percentile(sizes, 95)) if len(sizes) else ()
-        yield " / ".join(f"{value:.{digits}f}" for value in numbers) or "\N{EN DASH}"

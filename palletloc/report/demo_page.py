@@ -9,7 +9,7 @@ import numpy as np
 
 from palletloc.drawing.canvas import DEGREE, PLUS_MINUS, SIGMA
 from palletloc.drawing.stages import Picture
-from palletloc.evaluation.pose_error import PoseError
+from palletloc.evaluation.pose_error import PoseError, offsets
 from palletloc.evaluation.run import SHOTS_SOURCE, EvaluatedRun, EvaluatedSource, Settings
 from palletloc.io.tracks import TrackRow
 from palletloc.report.page import (
@@ -91,7 +91,7 @@ _OWN = (
 
 @dataclass(frozen=True, slots=True)
 class DemoResult:
-    """What the page tells."""
+    """What the page shows."""
 
     run: EvaluatedRun
     """Single shots and tracks against the truth."""
@@ -125,7 +125,7 @@ def demo_page(result: DemoResult) -> str:
     Parameters
     ----------
     result : DemoResult
-        What to tell.
+        What to show.
     """
     parts = (_summary(result), _steps(result), _tracks(result), _truth(result), _next())
     return page("palletloc demo", [html for part in parts for html in part])
@@ -144,7 +144,7 @@ def _summary(result: DemoResult) -> Iterator[str]:
     )
     yield key_figures(
         [
-            (f"{found.successes} of {found.trials}", "pallets found that had to be, single shots"),
+            (found.counted, "pallets found that had to be, single shots"),
             (f"{_middle(shots, YAW):.2f}{DEGREE}", "median error of yaw"),
             (f"{_middle(shots, DEPTH):.1f} mm", "median error of depth"),
             (str(shots.detection.false), "poses where no pallet stands"),
@@ -220,26 +220,16 @@ def _truth(result: DemoResult) -> Iterator[str]:
 
 
 def _source(name: str, source: EvaluatedSource) -> list[str]:
-    found, cells = source.detection.found, []
-    for quantity in QUANTITIES:
-        sizes = np.abs(quantity.values(source.errors))
-        ends = np.percentile(sizes, (50, 95)) if len(sizes) else ()
-        cells.append(" / ".join(f"{value:.{_digits(quantity)}f}" for value in ends))
+    cells = [quantity.sizes_text(offsets(source.errors)) for quantity in QUANTITIES]
     within = np.array([np.abs(error.normalised) <= 2 for error in source.errors])
     counted = f"{100 * within.mean():.0f} %" if within.size else ""
-    inside = source.requirement.together.proportion
-    required = f"{inside.successes} of {inside.trials}"
-    return [name, f"{found.successes} of {found.trials}", *cells, counted, required]
-
-
-def _digits(quantity: Quantity) -> int:
-    return 2 if quantity is YAW else 1
+    return [name, source.detection.found.counted, *cells, counted, source.requirement.together.proportion.counted]
 
 
 def _row(error: PoseError) -> list[str]:
     cells = []
     for quantity in QUANTITIES:
-        digits, (value,), (sigma,) = _digits(quantity), quantity.values([error]), quantity.sigmas([error])
+        digits, (value,), (sigma,) = quantity.digits, quantity.values([error]), quantity.sigmas([error])
         cells.append(f"{round(value, digits) + 0.0:+.{digits}f} {PLUS_MINUS} {sigma:.{digits}f}")
     face = error.face
     return [face.id, error.estimate.file, f"{face.range:.2f}", *cells]

@@ -7,13 +7,13 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from palletloc.choices import TimeRule
 from palletloc.drawing.canvas import DEGREE, small_png
 from palletloc.evaluation.batch import BatchJob, BatchResult, evaluate_job
 from palletloc.evaluation.recording import EvaluatedRecording
 from palletloc.evaluation.requirement import RequirementCheck, Verdict
 from palletloc.evaluation.run import EvaluatedRun, EvaluatedSource, Settings
 from palletloc.evaluation.statistics import chi_square_check
-from palletloc.evaluation.time_pairing import TimeRule
 from palletloc.evaluation.truth import RecordingTruth
 from palletloc.report.approach_figures import aisle_figure, approach_figure
 from palletloc.report.error_figures import distance_figure, histogram_figure
@@ -27,7 +27,7 @@ from palletloc.report.evaluation_sections import (
     survey_parts,
 )
 from palletloc.report.page import Column, embedded, folded, heading, key_figures, page, paragraph, picture, table
-from palletloc.report.source_style import QUANTITIES, STYLES
+from palletloc.report.source_style import NONE, QUANTITIES, STYLES
 from palletloc.report.worst_shots import ShotStages, WorstShot, worst_shots
 
 REPORT = "report.html"
@@ -37,7 +37,7 @@ _VERDICTS = {
     Verdict.NOT_MET: "The requirement is not met",
     Verdict.UNDECIDED: "Too few errors to decide on the requirement",
 }
-"""What the page says of each verdict."""
+"""The sentence for each verdict."""
 _SUMMARY = (
     Column("source", is_text=True),
     Column("error", is_text=True),
@@ -156,8 +156,8 @@ def _verdict(label: str, source: EvaluatedSource) -> Iterator[str]:
     nees = chi_square_check([error.nees_with_truth for error in source.errors], 4)
     share = f"{100 * inside.low:.1f} to {100 * inside.high:.1f} %"
     figures = [
-        (f"{inside.successes} of {inside.trials}", f"errors inside; {share} at {100 * inside.confidence:g} %"),
-        (f"{found.found.successes} of {found.found.trials}", "pallets found that had to be"),
+        (inside.counted, f"errors inside; {share} at {100 * inside.confidence:g} %"),
+        (found.found.counted, "pallets found that had to be"),
         (str(found.false), "estimates where no pallet stands"),
     ]
     if nees.n:
@@ -172,7 +172,7 @@ def _summary(name: str, source: EvaluatedSource) -> Iterator[list[str]]:
         values = quantity.values(source.errors)
         sizes = np.abs(values)
         part = getattr(check, quantity.label)
-        numbers = ["\N{EN DASH}"] * 5
+        numbers = [NONE] * 5
         if len(values):
             found = (
                 float(np.median(values)),
@@ -183,8 +183,13 @@ def _summary(name: str, source: EvaluatedSource) -> Iterator[list[str]]:
             )
             numbers = [f"{value:.2f}" for value in found]
         label = STYLES[name].label if number == 0 else ""
-        counted = f"{part.proportion.successes} of {part.proportion.trials}"
-        yield [label, f"{quantity.label}, {quantity.unit}", *numbers, counted, str(part.verdict).replace("_", " ")]
+        yield [
+            label,
+            f"{quantity.label}, {quantity.unit}",
+            *numbers,
+            part.proportion.counted,
+            str(part.verdict).replace("_", " "),
+        ]
 
 
 def _worst(shots: Sequence[WorstShot]) -> Iterator[str]:
@@ -208,7 +213,7 @@ def _worst(shots: Sequence[WorstShot]) -> Iterator[str]:
         else:
             yield paragraph(text + (f" No picture: {shot.problem}." if shot.problem else ""))
         if shot.stages:
-            yield folded(shot.stages.told, _stages(shot.stages), is_open=number == 0)
+            yield folded(shot.stages.title, _stages(shot.stages), is_open=number == 0)
 
 
 def _stages(stages: ShotStages) -> Iterator[str]:

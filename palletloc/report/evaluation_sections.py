@@ -9,12 +9,12 @@ import numpy as np
 
 from palletloc.drawing.canvas import DEGREE, SIGMA, small_png
 from palletloc.evaluation.breakdown import by_distance, by_pallet, distance_edges
-from palletloc.evaluation.pose_error import COMPONENTS, PoseError
+from palletloc.evaluation.pose_error import COMPONENTS, PoseError, offsets
 from palletloc.evaluation.run import ComparedRuns, EvaluatedRun, Settings
 from palletloc.evaluation.truth import RecordingTruth, survey_notes
 from palletloc.report.error_figures import comparison_figure
 from palletloc.report.page import Column, embedded, heading, paragraph, picture, table
-from palletloc.report.source_style import QUANTITIES, STYLES
+from palletloc.report.source_style import NONE, QUANTITIES, STYLES
 from palletloc.survey.polar import instrument_errors
 from palletloc.survey.truth import PlacedBody, SurveyedTruth
 
@@ -53,13 +53,7 @@ _SURVEY = (
 
 def _group(errors: Sequence[PoseError]) -> list[str]:
     """Return the median and the 95 % of each quantity."""
-    cells = []
-    for quantity in QUANTITIES:
-        sizes = np.abs(quantity.values(errors))
-        digits = 2 if quantity.unit == DEGREE else 1
-        numbers = (np.median(sizes), np.percentile(sizes, 95)) if len(sizes) else ()
-        cells.append(" / ".join(f"{value:.{digits}f}" for value in numbers) or "\N{EN DASH}")
-    return cells
+    return [quantity.sizes_text(offsets(errors)) or NONE for quantity in QUANTITIES]
 
 
 def distance_rows(run: EvaluatedRun, settings: Settings) -> Iterator[list[str]]:
@@ -69,7 +63,7 @@ def distance_rows(run: EvaluatedRun, settings: Settings) -> Iterator[list[str]]:
         for part in by_distance(source.shots, edges):
             if part.found.trials:
                 where = f"{part.low:g} to {part.high:g} m"
-                counted = f"{part.found.successes} of {part.found.trials}"
+                counted = part.found.counted
                 yield [STYLES[name].label, where, counted, *_group(part.errors)]
 
 
@@ -100,7 +94,7 @@ def stop_rows(run: EvaluatedRun) -> Iterator[list[str]]:
 
 
 def _known(value: float, digits: int) -> str:
-    return f"{round(value, digits) + 0.0:.{digits}f}" if math.isfinite(value) else "\N{EN DASH}"
+    return f"{round(value, digits) + 0.0:.{digits}f}" if math.isfinite(value) else NONE
 
 
 def comparison_parts(compared: Sequence[ComparedRuns]) -> Iterator[str]:
@@ -126,9 +120,9 @@ def _compared_rows(runs: ComparedRuns) -> Iterator[list[str]]:
     names = [runs.second, f"{STYLES[runs.source].label}, {runs.comparison.views} views"]
     for quantity in QUANTITIES:
         difference = runs.comparison.differences.get(COMPONENTS[quantity.column])
-        cells = ["\N{EN DASH}"] * 5
+        cells = [NONE] * 5
         if difference is not None:
-            digits = 3 if quantity.unit == DEGREE else 2
+            digits = quantity.digits + 1
             ends = (difference.mean, difference.low, difference.high)
             cells = [_signed(quantity.scale * value, digits) for value in ends]
             cells += [str(difference.smaller), str(difference.larger)]
@@ -137,7 +131,7 @@ def _compared_rows(runs: ComparedRuns) -> Iterator[list[str]]:
 
 
 def _signed(value: float, digits: int) -> str:
-    return f"{round(value, digits) + 0.0:+.{digits}f}" if math.isfinite(value) else "\N{EN DASH}"
+    return f"{round(value, digits) + 0.0:+.{digits}f}" if math.isfinite(value) else NONE
 
 
 def survey_parts(surveyed: SurveyedTruth, truth: RecordingTruth, stop_limit: float) -> Iterator[str]:
@@ -189,7 +183,7 @@ def _body_row(placed: PlacedBody) -> list[str]:
         placed.body.label,
         str(len(placed.body.points)),
         f"{1000 * placed.fit.rms:.2f}",
-        f"{worst:.2f}" if known else "\N{EN DASH}",
+        f"{worst:.2f}" if known else NONE,
         name,
         f"{math.degrees(placed.fit.pose.yaw_sigma):.3f}",
     ]

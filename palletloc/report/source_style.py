@@ -33,6 +33,8 @@ STYLES = {
     TRACKS_SOURCE: SourceStyle("tracks", SERIES[0], "s"),
 }
 """By the source's name."""
+NONE = "\N{EN DASH}"
+"""What tables write where there is no number."""
 DOTTED = (0, (1, 2))
 """Line of a requirement's limit: offset, then points drawn and left out."""
 STOP_STYLE = SourceStyle("single shots at surveyed stops, against the survey", SERIES[1], "D")
@@ -59,6 +61,23 @@ class Quantity:
     def sigmas(self, errors: Sequence[PoseError]) -> FloatArray:
         """Return the standard deviations in the unit, (n,)."""
         return self.scale * np.sqrt([error.covariance[self.column, self.column] for error in errors])
+
+    @property
+    def digits(self) -> int:
+        """Decimals of its errors in tables."""
+        return 2 if self.unit == DEGREE else 1
+
+    def sizes_text(self, offsets: FloatArray) -> str:
+        """Return median and 95 % of the absolute errors as tables write them; empty without an error.
+
+        Parameters
+        ----------
+        offsets : (n, 4) array
+            Errors of depth, along and height in metres, and of yaw in radians.
+        """
+        sizes = self.scale * np.abs(offsets[:, self.column])
+        ends = (np.median(sizes), np.percentile(sizes, 95)) if len(sizes) else ()
+        return " / ".join(f"{value:.{self.digits}f}" for value in ends)
 
     def limit(self, requirement: Requirement) -> float:
         """Return the largest error that is allowed, in the unit."""

@@ -39,7 +39,7 @@ _SAME = 1e-3
 class ShotStages:
     """The way to one pose."""
 
-    told: str
+    title: str
     """What the pictures are of, in a sentence."""
     pictures: tuple[Picture, ...]
     """In the order of the stages, as JPEG."""
@@ -138,14 +138,14 @@ def _cut(image: Image, recording: Recording, marks: Sequence[Mark]) -> bytes:
 
 
 def run_method(folder: Path) -> Method | None:
-    """Return the method of a run as its folder tells it; None where it does not."""
+    """Return the method of a run that its folder names; None where it names none."""
     with suppress(OSError, ValueError, LookupError, TypeError):
         return Method(json.loads((folder / STATUS).read_text(encoding="utf-8"))["run"]["method"])
     return None
 
 
 def _stage_job(recording: Recording, folder: Path) -> Job:
-    """Return a job that works as a run did, as far as its folder tells: with its method, and default parameters."""
+    """Return a job with the method that a run's folder names, and default parameters."""
     method = run_method(folder) or Method.REFINED
     return Job(recording, Localizer(recording.models, method))
 
@@ -181,16 +181,16 @@ def _shot_stages(job: Job, entry: ShotFile, estimate: PalletEstimate) -> ShotSta
         named = name_candidates(explanation)
         for name, outcome in named:
             if _is_same(outcome, estimate):
-                told = f"The stages of the method {method} on the way to {name}."
-                return ShotStages(told, tuple(_pictures(explanation, named, (name, outcome))))
+                title = f"The stages of the method {method} on the way to {name}."
+                return ShotStages(title, tuple(_pictures(explanation, named, (name, outcome))))
     start = Start(estimate.model, estimate.forklift_from_pallet)
     explanation = job.localizer.explain_from(job.recording.shot(entry), [start], job.recording.shelf.levels)
     named = name_candidates(explanation)
-    told = (
+    title = (
         f"The method {method} with its default parameters does not give this pose by itself; these are its stages"
         " when it starts there."
     )
-    return ShotStages(told, tuple(_pictures(explanation, named, named[0])))
+    return ShotStages(title, tuple(_pictures(explanation, named, named[0])))
 
 
 def _is_same(outcome: Fit | Refusal, estimate: PalletEstimate) -> bool:

@@ -1,7 +1,7 @@
 """Whether surveyed points can belong to the bodies they are named after; if not, the likeliest reason.
 
-Distances between points need no pose: a body's are known, so they tell swapped targets, foreign units, a wrong prism
-constant and the survey of another site apart.
+Distances between points need no pose: a body's are known, so they distinguish swapped targets, foreign units, a wrong
+prism constant and the survey of another site.
 """
 
 from __future__ import annotations
@@ -136,8 +136,8 @@ def _closing(body: SurveyedBody) -> FloatArray:
     """Return how much the distance of each pair grows as its points move away from the instrument."""
     sights = np.array([point.sight for point in body.points])
     between = np.array([body.world[i] - body.world[j] for i, j in body.pairs()])
-    apart = np.array([sights[i] - sights[j] for i, j in body.pairs()])
-    return np.asarray((between * apart).sum(axis=1) / np.linalg.norm(between, axis=1))
+    differences = np.array([sights[i] - sights[j] for i, j in body.pairs()])
+    return np.asarray((between * differences).sum(axis=1) / np.linalg.norm(between, axis=1))
 
 
 def _swapped(body: SurveyedBody, limit: float) -> str | None:
@@ -187,12 +187,12 @@ def _outlier(body: SurveyedBody, limit: float) -> str | None:
         key=abs,
     )
     point = body.points[index]
-    told = (
+    message = (
         f"{lines_text(point.lines)}: point '{point.name}' does not fit the others of {body.label}: its distances are"
     )
     if abs(off) > _FAR_OFF:
-        return f"{told} up to {abs(off):.5g} m off; do its coordinates have other units?"
-    return f"{told} up to {abs(off) * 1e3:.1f} mm off"
+        return f"{message} up to {abs(off):.5g} m off; do its coordinates have other units?"
+    return f"{message} up to {abs(off) * 1e3:.1f} mm off"
 
 
 def _worst_pair(body: SurveyedBody) -> str:

@@ -70,7 +70,7 @@ class Kind(StrEnum):
 
 
 class WordError(ValueError):
-    """Data that have no value; says why."""
+    """Data that have no value; gives the reason."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,7 +215,7 @@ class GsiFile:
 
 
 class GsiLineError(ValueError):
-    """A line that is not GSI; says why."""
+    """A line that is not GSI; gives the reason."""
 
 
 def read_gsi(path: Path) -> GsiFile:
@@ -237,7 +237,7 @@ def read_gsi(path: Path) -> GsiFile:
     Raises
     ------
     SurveyError
-        If no line could be read; says why the first could not.
+        If no line could be read; gives the reason for the first.
     InputError
         If the file cannot be read.
     """

@@ -25,7 +25,7 @@ from palletloc.survey.prism import PrismUse
 from palletloc.survey.resection import ResectionError, resect
 
 _REPEAT_LIMIT = 0.01
-"""Farthest that two measurements of one point may lie apart, in metres."""
+"""Largest distance between two measurements of a point, in metres."""
 _POLAR_LIMIT = 0.005
 """Farthest that a line's coordinates may lie from its own angles and distance without a note, in metres."""
 _COORDINATES = ("81", "82", "83")
@@ -38,7 +38,7 @@ _STATION = ("84", "85", "86")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Shot:
-    """What one line says about one point."""
+    """What a line holds about its point."""
 
     line: int
     name: str
@@ -315,9 +315,9 @@ def _merged(places: dict[str, list[_Place]]) -> tuple[dict[str, SurveyPoint], di
     for name, some in places.items():
         lines = tuple(line for place in some for line in place.lines)
         positions = np.array([place.position for place in some])
-        apart = float(np.linalg.norm(positions - positions[0], axis=1).max())
-        if apart > _REPEAT_LIMIT:
-            unusable[name] = f"{lines_text(lines)}: point '{name}' has places {apart:.3f} m apart; expected one"
+        distance = float(np.linalg.norm(positions - positions[0], axis=1).max())
+        if distance > _REPEAT_LIMIT:
+            unusable[name] = f"{lines_text(lines)}: point '{name}' has places {distance:.3f} m apart; expected one"
             continue
         toward = [place.sight for place in some if place.sight is not None]
         points[name] = SurveyPoint(name, positions.mean(axis=0), lines, toward[0] if toward else None)

@@ -37,7 +37,7 @@ class SurveyPoint:
     lines: tuple[int, ...]
     """Where it stands in the file."""
     sight: FloatArray | None = None
-    """(3,) unit vector from the instrument to it; None where the file does not tell."""
+    """(3,) unit vector from the instrument to it; None where the file does not give it."""
 
     @property
     def place(self) -> str:

@@ -79,7 +79,7 @@ def line_of_sight(sight: PolarObservation, station: Station) -> FloatArray:
 def reduce_sight(sight: PolarObservation, station: Station) -> FloatArray:
     """Return the coordinates of the point below the prism.
 
-    ``dE = SD sin V sin Hz``, ``dN = SD sin V cos Hz``, ``dH = SD cos V + hi - hr``. Both faces reduce alike.
+    ``dE = SD sin V sin Hz``, ``dN = SD sin V cos Hz``, ``dH = SD cos V + hi - hr``. The formula holds in both faces.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def misread_faces(faces: Sequence[FaceErrors]) -> list[FaceErrors]:
     Parameters
     ----------
     faces : sequence of FaceErrors
-        Of one instrument; fewer than three do not tell what is usual.
+        Of one instrument; fewer than three do not show what is usual.
 
     Returns
     -------

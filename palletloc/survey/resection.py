@@ -20,7 +20,7 @@ _STILL = 1e-10
 
 
 class ResectionError(PalletLocError):
-    """Sights that do not fix the station; says why."""
+    """Sights that do not fix the station; gives the reason."""
 
 
 @dataclass(frozen=True, slots=True)

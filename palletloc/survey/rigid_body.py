@@ -20,7 +20,7 @@ _MAX_ANGLE_SIGMA = math.radians(2.0)
 
 
 class FitError(PalletLocError):
-    """Points that do not fix a pose; says why."""
+    """Points that do not fix a pose; gives the reason."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -209,8 +209,8 @@ def _level_rotation(body: FloatArray, world: FloatArray, sigma: float) -> FloatA
     if len(body) < 2:
         raise FitError(f"{_count(body)}, expected at least 2")
     flat, seen = (body - body.mean(axis=0))[:, :2], (world - world.mean(axis=0))[:, :2]
-    apart = math.sqrt(float((flat**2).sum()))
-    if sigma > _MAX_ANGLE_SIGMA * apart:
+    extent = math.sqrt(float((flat**2).sum()))
+    if sigma > _MAX_ANGLE_SIGMA * extent:
         raise FitError(f"its {len(body)} points stand above one another and do not fix the heading")
     across = float((flat[:, 0] * seen[:, 1] - flat[:, 1] * seen[:, 0]).sum())
     yaw = math.atan2(across, float((flat * seen).sum()))

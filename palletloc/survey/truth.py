@@ -50,7 +50,7 @@ class TruePose:
         """Standard deviation of the yaw, in radians."""
         return math.sqrt(self.covariance[3, 3])
 
-    def normalized_error(self, pose: LevelPose, covariance: FloatArray | None = None) -> FloatArray:
+    def normalised_error(self, pose: LevelPose, covariance: FloatArray | None = None) -> FloatArray:
         """Return the error of a pose in standard deviations of both together.
 
         Parameters
@@ -268,11 +268,11 @@ def _level_notes(placed: Sequence[PlacedBody], plan: SurveyPlan) -> list[str]:
 
 def _relative(survey: Survey, lift: PlacedBody, pallet: PlacedBody) -> TruePose:
     pose = relative_pose(lift.fit.pose, pallet.fit.pose)
-    apart = float(np.linalg.norm(pose.target_from_source.translation))
-    if apart > _MAX_DISTANCE:
+    distance = float(np.linalg.norm(pose.target_from_source.translation))
+    if distance > _MAX_DISTANCE:
         raise SurveyError(
             f"{survey.path}, {lines_text(pallet.body.lines)}: {pallet.body.label} ({pallet.body.points[0].name}) is"
-            f" {apart:.1f} m from the forklift at {lift.body.label}, expected at most {_MAX_DISTANCE:.0f} m;"
+            f" {distance:.1f} m from the forklift at {lift.body.label}, expected at most {_MAX_DISTANCE:.0f} m;"
             " are they surveyed in one frame?"
         )
     return TruePose(pallet.body.name, pose.level, pose.level_covariance)

@@ -84,7 +84,7 @@ def _sky(rng: np.random.Generator) -> FloatArray:
 
 
 @dataclass(frozen=True, slots=True)
-class DepthMap:
+class _DepthMap:
     """The solids as seen against one direction of the light."""
 
     axes: FloatArray
@@ -103,7 +103,7 @@ class LightField:
 
     light: Light
     """Where it comes from."""
-    maps: tuple[DepthMap, ...]
+    maps: tuple[_DepthMap, ...]
     """One for each direction; empty where nothing casts a shadow."""
     floor: Samples
     """(rows, columns) irradiance of the floor."""
@@ -183,7 +183,7 @@ def _shaded_floor(scene: Scene, corners: Sequence[FloatArray]) -> tuple[FloatArr
     return low, np.minimum(room_high, reached.max(axis=1) + _MARGIN)
 
 
-def _visible(depth_map: DepthMap, points: Samples) -> Samples:
+def _visible(depth_map: _DepthMap, points: Samples) -> Samples:
     """Return how much of one direction's light reaches points, 0 to 1."""
     right, up, depth = depth_map.axes.astype(np.float32) @ points
     reach = lookup(
@@ -210,19 +210,19 @@ def _depth_map(
     chosen: Sequence[int],
     direction: tuple[float, float, float],
     texel: float,
-) -> DepthMap:
+) -> _DepthMap:
     """Return the depth map of chosen boxes, seen against one direction."""
     towards = np.array(direction)
     right = np.cross([0.0, 0.0, 1.0] if abs(towards[2]) < 0.9 else [1.0, 0.0, 0.0], towards)
     right /= np.linalg.norm(right)
     axes = np.stack([right, np.cross(towards, right), towards])
     if not len(chosen):
-        return DepthMap(axes, (0.0, 0.0), np.full((1, 1), _NOTHING, np.float32), texel)
+        return _DepthMap(axes, (0.0, 0.0), np.full((1, 1), _NOTHING, np.float32), texel)
     spans = [(axes[:2] @ corners[i]) / texel for i in chosen]
     first = np.floor(np.min([s.min(axis=1) for s in spans], axis=0)).astype(int) - 1
     last = np.ceil(np.max([s.max(axis=1) for s in spans], axis=0)).astype(int) + 1
     columns, rows = (last - first + 1).tolist()
-    depth_map = DepthMap(
+    depth_map = _DepthMap(
         axes,
         (float(first[0] * texel), float(first[1] * texel)),
         np.full((rows, columns), _NOTHING, np.float32),
@@ -233,7 +233,7 @@ def _depth_map(
     return depth_map
 
 
-def _draw(depth_map: DepthMap, box: Box, span: FloatArray) -> None:
+def _draw(depth_map: _DepthMap, box: Box, span: FloatArray) -> None:
     """Draw one box into a depth map; ``span`` holds its corners in pixels from the map's zero."""
     first = np.round(np.array(depth_map.corner) / depth_map.texel).astype(int)
     low, high = np.floor(span.min(axis=1)).astype(int), np.ceil(span.max(axis=1)).astype(int)

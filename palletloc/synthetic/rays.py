@@ -204,6 +204,6 @@ def _tiled(origins: Samples, directions: Samples, starts: Indices) -> TiledRays:
             centers[:] = origins[:, 0]
         else:
             centers[filled] = (np.add.reduceat(origins, starts[filled], axis=1) / counts).T
-            apart = np.linalg.norm(origins - np.repeat(centers[filled].T, counts, axis=1), axis=0)
-            spreads[filled] = np.maximum.reduceat(apart, starts[filled])
+            distances = np.linalg.norm(origins - np.repeat(centers[filled].T, counts, axis=1), axis=0)
+            spreads[filled] = np.maximum.reduceat(distances, starts[filled])
     return TiledRays(origins, directions, starts, centers, axes, angles, spreads)

@@ -70,7 +70,8 @@ def look(lit_scene: LitScene, rays: TiledRays, pixel_angle: float) -> tuple[Samp
     hits = trace(rays, lit_scene.scene.solids, lit_scene.spheres, lit_scene.scene.room, pixel_angle)
     radiance = _radiance(lit_scene, rays, hits, pixel_angle)
     if lit_scene.scene.room.floor.gloss > 0:
-        _reflect(lit_scene, rays, hits, pixel_angle, radiance)
+        floor = np.flatnonzero(hits.solids == FLOOR)
+        radiance[:, floor] += _reflected(lit_scene, rays, hits, floor, pixel_angle)
     radiance *= np.array(lit_scene.scene.light.colour, np.float32)[:, None]
     return radiance, hits
 
@@ -104,11 +105,10 @@ def _by_solid(hits: Hits) -> Iterator[tuple[int, Indices]]:
             yield int(hits.solids[chosen[0]]), chosen
 
 
-def _reflect(lit_scene: LitScene, rays: TiledRays, hits: Hits, pixel_angle: float, radiance: Samples) -> None:
-    """Add what a glossy floor mirrors."""
-    chosen = np.flatnonzero(hits.solids == FLOOR)
+def _reflected(lit_scene: LitScene, rays: TiledRays, hits: Hits, chosen: Indices, pixel_angle: float) -> Samples:
+    """Return the (3, N) light that a glossy floor mirrors, where chosen rays meet it."""
     if not len(chosen):
-        return
+        return np.zeros((3, 0), np.float32)
     flip = np.array([[1.0], [1.0], [-1.0]], np.float32)
     mirrored = TiledRays(
         rays.points(chosen, hits.distances[chosen]),
@@ -122,7 +122,7 @@ def _reflect(lit_scene: LitScene, rays: TiledRays, hits: Hits, pixel_angle: floa
     above = trace(mirrored, lit_scene.scene.solids, lit_scene.spheres, lit_scene.scene.room, pixel_angle)
     slant = np.abs(rays.directions[2, chosen])
     share = np.float32(lit_scene.scene.room.floor.gloss) * fresnel(slant)
-    radiance[:, chosen] += share * _radiance(lit_scene, mirrored, above, pixel_angle)
+    return np.asarray(share * _radiance(lit_scene, mirrored, above, pixel_angle))
 
 
 @dataclass(frozen=True, slots=True)

@@ -93,7 +93,7 @@ def surface(solid: Solid, chosen: Indices, points: Samples, directions: Samples,
     brightness = _grain(solid, local, axis, size) * solid.tint(local, local_normals)
     colours = np.array(solid.material.colour, np.float32)[:, None] * brightness
     for decal in solid.decals:
-        _stick(decal, solid, local, local_normals, size, colours)
+        colours = _with_decal(colours, decal, solid, local, local_normals, size)
     gloss = np.full(len(chosen), solid.material.gloss, np.float32)
     return Surface(chosen, points, directions, normals, colours, gloss)
 
@@ -128,11 +128,13 @@ def _grain(solid: Solid, local: Samples, axis: Indices, size: Samples) -> Sample
     return textured(solid.material, u, v, size)
 
 
-def _stick(decal: Decal, solid: Solid, local: Samples, normals: Samples, size: Samples, colour: Samples) -> None:
-    """Paint one decal over the colours of a face."""
+def _with_decal(
+    colours: Samples, decal: Decal, solid: Solid, local: Samples, normals: Samples, size: Samples
+) -> Samples:
+    """Return colours with one decal over those of its face."""
     face = np.flatnonzero(normals[decal.axis] * decal.sign > 0.9)
     if not len(face):
-        return
+        return colours
     first, second = [axis for axis in range(3) if axis != decal.axis]
     middle = (solid.low + solid.high) / 2
     u = local[first, face] - np.float32(middle[first] + decal.center[0])
@@ -141,7 +143,9 @@ def _stick(decal: Decal, solid: Solid, local: Samples, normals: Samples, size: S
         half = np.float32(decal.pitch / 2)
         v = (v + half) % np.float32(decal.pitch) - half
     cover = covered(u, decal.size[0], size[face]) * covered(v, decal.size[1], size[face])
-    colour[:, face] += cover * (np.array(decal.colour, np.float32)[:, None] - colour[:, face])
+    painted = colours.copy()
+    painted[:, face] += cover * (np.array(decal.colour, np.float32)[:, None] - colours[:, face])
+    return painted
 
 
 def _highlight(field: LightField, mirrored: Samples) -> Samples:
@@ -206,7 +210,7 @@ def _floor(room: Room, field: LightField, points: Samples, size: Samples) -> Sam
     brightness = textured(room.floor, points[0], points[1], size)
     colour = np.array(room.floor.colour, np.float32)[:, None] * brightness
     for paint in room.paint:
-        _lay(paint, points, size, colour, brightness)
+        colour = _with_paint(colour, paint, points, size, brightness)
     colour *= field.on_floor(points[0], points[1])
     return colour
 
@@ -216,7 +220,7 @@ def _ceiling(room: Room, field: LightField, points: Samples, size: Samples) -> S
     colour = np.array(room.ceiling.colour, np.float32)[:, None] * brightness
     colour *= np.float32(field.light.bounce * field.light.open_ground)
     for lamp in room.lamps:
-        _lay(lamp, points, size, colour, np.ones(points.shape[1], np.float32))
+        colour = _with_paint(colour, lamp, points, size, np.ones(points.shape[1], np.float32))
     return colour
 
 
@@ -231,8 +235,8 @@ def _walls(room: Room, field: LightField, points: Samples, size: Samples) -> Sam
     return colour
 
 
-def _lay(paint: Paint, points: Samples, size: Samples, colour: Samples, brightness: Samples) -> None:
-    """Lay one painted rectangle over the colours of a level surface."""
+def _with_paint(colours: Samples, paint: Paint, points: Samples, size: Samples, brightness: Samples) -> Samples:
+    """Return the colours of a level surface with one painted rectangle over them."""
     cos, sin = np.float32(np.cos(paint.yaw)), np.float32(np.sin(paint.yaw))
     x, y = points[0] - np.float32(paint.x), points[1] - np.float32(paint.y)
     if paint.pitch:
@@ -245,4 +249,6 @@ def _lay(paint: Paint, points: Samples, size: Samples, colour: Samples, brightne
     if paint.wear:
         cover *= np.clip(2.5 - 2 * paint.wear + 6 * (brightness[near] - 1), 0, 1)
     target = np.array(paint.colour, np.float32)[:, None] * brightness[near]
-    colour[:, near] += cover * (target - colour[:, near])
+    painted = colours.copy()
+    painted[:, near] += cover * (target - colours[:, near])
+    return painted

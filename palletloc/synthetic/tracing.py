@@ -111,7 +111,7 @@ def trace(
     pixel_angle : float
         Angle that one ray stands for, in radians: passing a surface within a hundredth of it is a hit.
     """
-    hits = room_hits(rays, room)
+    hits = _room_hits(rays, room)
     if spheres is None or not rays.count:
         return hits
     seen = _seen_tiles(rays, spheres)
@@ -129,7 +129,7 @@ def trace(
     return hits
 
 
-def room_hits(rays: TiledRays, room: Room) -> Hits:
+def _room_hits(rays: TiledRays, room: Room) -> Hits:
     """Find where rays leave the room."""
     low, high = np.array([*room.low, 0.0], np.float32), np.array([*room.high, room.height], np.float32)
     slope = _nonzero(rays.directions[2])
@@ -153,9 +153,9 @@ def _seen_tiles(rays: TiledRays, spheres: Spheres) -> BoolArray:
     origins = rays.tile_origins
     if not np.ptp(origins, axis=0).any():
         origins = origins[:1]
-    away = spheres.centers[None, :, :] - origins[:, None, :]
-    distance = np.maximum(np.linalg.norm(away, axis=2), 1e-9)
-    cosines = np.matmul(rays.tile_axes[:, None, :], np.swapaxes(away, 1, 2))[:, 0] / distance
+    offsets = spheres.centers[None, :, :] - origins[:, None, :]
+    distance = np.maximum(np.linalg.norm(offsets, axis=2), 1e-9)
+    cosines = np.matmul(rays.tile_axes[:, None, :], np.swapaxes(offsets, 1, 2))[:, 0] / distance
     reach = np.minimum((spheres.radii + rays.tile_spreads[:, None]) / distance, 1.0)
     allowed = rays.tile_angles[:, None] + np.where(reach < 1.0, np.arcsin(reach), np.pi)
     near = np.arccos(np.clip(cosines, -1.0, 1.0)) <= allowed

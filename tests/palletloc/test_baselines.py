@@ -1,3 +1,5 @@
+"""The methods to compare with: the chain on planes, and the paper's as they are written."""
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -6,14 +8,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palletloc.baselines import measure_as_in_paper, measure_jointly
-from palletloc.candidate import Candidate, Fit, Refusal
+from palletloc.baselines import measure_as_in_paper, measure_jointly, measure_on_planes, nearest_line
+from palletloc.cameras import CameraModel
+from palletloc.candidate import Candidate, Fit, Refusal, last_step, steps_of
 from palletloc.config import LocalizerConfig
-from palletloc.geometry import LevelPose
+from palletloc.geometry import FloatArray, LevelPose
 from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
 from palletloc.pallet import PalletModel
-from palletloc.paper.horizontal_view import BoundaryMethod
-from palletloc.paper.joint_search import JointSearchConfig
+from palletloc.paper.boundary import BoundaryLine
+from palletloc.paper.horizontal_view import BoundaryMethod, HorizontalView, horizontal_source
+from palletloc.paper.joint_search import JointSearch, JointSearchConfig
+from palletloc.paper.position import Sweep
+from palletloc.paper.yaw import YawEstimate
+from palletloc.rivals import Measure
 from palletloc.shot import Shot
 
 POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
@@ -21,8 +28,10 @@ FLOOR = HeightPrior(0.0, 0.003)
 CONFIG = replace(LocalizerConfig(), joint_search=JointSearchConfig(turns=9, depths=9))
 Portrait = Callable[..., Shot]
 Placed = tuple[PalletModel, LevelPose]
-Measure = Callable[[Shot, Candidate, LocalizerConfig], None]
-BOTH = pytest.mark.parametrize("measure", [measure_as_in_paper, measure_jointly], ids=["paper", "joint_search"])
+COARSE = pytest.mark.parametrize("measure", [measure_as_in_paper, measure_jointly], ids=["paper", "joint_search"])
+ALL = pytest.mark.parametrize(
+    "measure", [measure_on_planes, measure_as_in_paper, measure_jointly], ids=["planes", "paper", "joint_search"]
+)
 
 
 def measured(
@@ -30,105 +39,221 @@ def measured(
     shot: Shot,
     model: PalletModel,
     start: LevelPose = POSE,
+    height: HeightPrior | None = FLOOR,
     config: LocalizerConfig = CONFIG,
-) -> Candidate:
-    candidate = Candidate(model, start, FLOOR)
-    measure(shot, candidate, config)
-    return candidate
+) -> Fit | Refusal:
+    return measure(shot, Candidate(model, start, height), config)
 
 
-@BOTH
+def on_planes(shot: Shot, model: PalletModel, start: LevelPose = POSE, height: HeightPrior | None = FLOOR) -> Fit:
+    fit = measured(measure_on_planes, shot, model, start, height).fit
+    assert fit is not None
+    return fit
+
+
+def found(outcome: Fit | Refusal) -> Fit:
+    assert isinstance(outcome, Fit)
+    return outcome
+
+
+# All of them.
+
+
+@ALL
+def test_nothing_is_measured_in_a_plain_image(measure: Measure, portrait: Portrait, t11: PalletModel) -> None:
+    shot = portrait(t11, POSE)
+    outcome = measured(measure, replace(shot, image=np.full_like(shot.image, 90)), t11)
+    assert isinstance(outcome, Refusal)
+    assert outcome.fit is None
+
+
+@ALL
+@pytest.mark.parametrize(
+    ("start", "reason"),
+    [
+        (replace(POSE, yaw=-np.pi / 2), Reason.BEHIND_FACE),
+        (LevelPose(0.3, 0.0, 0.0, np.pi / 2), Reason.BEHIND_FACE),
+        (replace(POSE, y=30.0), Reason.OUT_OF_RANGE),
+    ],
+)
+def test_a_start_from_which_nothing_can_be_seen_is_refused(
+    measure: Measure, start: LevelPose, reason: Reason, portrait: Portrait, t11: PalletModel
+) -> None:
+    outcome = measured(measure, portrait(t11, POSE), t11, start, None)
+    assert isinstance(outcome, Refusal)
+    assert (outcome.stage, outcome.reason, outcome.fit) == (Stage.START, reason, None)
+
+
+# On planes: yaw, position, yaw again, edges.
+
+
+@pytest.mark.parametrize("height", [FLOOR, None], ids=["level", "free"])
+def test_a_pallet_on_the_floor_is_measured_as_well_as_its_covariance_says(
+    model: PalletModel, height: HeightPrior | None, portrait: Portrait
+) -> None:
+    start = LevelPose(POSE.x + 0.03, POSE.y + 0.02, 0.0, POSE.yaw - 0.03)
+    fit = found(measured(measure_on_planes, portrait(model, POSE), model, start, height))
+    error = fit.pose.minus(POSE)
+    assert error @ np.linalg.solve(fit.covariance, error) < 25.0
+    assert (np.abs(error) < 4 * np.sqrt(np.diag(fit.covariance))).all()
+    assert np.abs(error[:2]).max() < 0.03
+
+
+def test_every_step_leaves_its_result(portrait: Portrait, t11: PalletModel) -> None:
+    start = replace(POSE, yaw=POSE.yaw + 0.03)
+    fit = found(measured(measure_on_planes, portrait(t11, POSE), t11, start))
+    assert steps_of(fit, BoundaryLine)
+    assert len(steps_of(fit, HorizontalView)) >= 2
+    assert len(steps_of(fit, Sweep)) == len(steps_of(fit, YawEstimate)) == 1
+    assert fit.face is not None
+    assert fit.evidence is not None
+    assert fit.prior is not None
+    assert fit.prior.yaw is not None
+    assert fit.pose == fit.face.forklift_from_pallet
+    estimate = last_step(fit, YawEstimate)
+    assert estimate is not None
+    assert fit.yaw_from is estimate.source
+    assert fit.prior.yaw.sigma == estimate.sigma
+
+
+@pytest.mark.parametrize("max_doubt", [CONFIG.face_fit.max_doubt, -1e6], ids=["certain", "never_certain"])
+def test_the_last_horizontal_view_is_the_one_that_gave_the_yaw(
+    max_doubt: float, floor_shot: Shot, floor_pallets: tuple[Placed, ...]
+) -> None:
+    config = replace(CONFIG, face_fit=replace(CONFIG.face_fit, max_doubt=max_doubt))
+    for model, pose in floor_pallets:
+        start = replace(pose, x=pose.x + 0.05)
+        outcome = measured(measure_on_planes, floor_shot, model, start, None, config)
+        estimate, last = last_step(outcome, YawEstimate), last_step(outcome, HorizontalView)
+        assert estimate is not None
+        assert last is not None
+        placed = floor_shot.mounting.forklift_from_camera * last.view.camera_from_plane
+        heading = placed.rotation.apply([0.0, 1.0, 0.0])
+        used = [vote for vote in estimate.votes if vote.used]
+        turn = np.average([vote.turn for vote in used], weights=[vote.sigma**-2 for vote in used])
+        assert estimate.yaw == pytest.approx(float(np.arctan2(heading[1], heading[0])) + turn, abs=1e-9)
+
+
+@pytest.mark.parametrize("turn_deg", [-4.0, -2.0, 2.0, 4.0])
+@pytest.mark.parametrize("slide", [-0.05, 0.05])
+def test_any_start_near_the_pallet_leads_to_the_same_pose(
+    turn_deg: float, slide: float, portrait: Portrait, t11: PalletModel
+) -> None:
+    shot = portrait(t11, POSE)
+    x, y = np.array([POSE.x, POSE.y]) + slide * np.array([np.cos(POSE.yaw), np.sin(POSE.yaw)])
+    start = LevelPose(float(x), float(y), 0.0, POSE.yaw + np.radians(turn_deg))
+    apart = on_planes(shot, t11, start).pose.minus(on_planes(shot, t11).pose)
+    assert np.abs(apart[:3]).max() < 0.003
+    assert abs(apart[3]) < np.radians(0.15)
+
+
+def test_the_height_chooses_where_the_yaw_comes_from(rack_shot: Shot, rack_pallets: tuple[Placed, ...]) -> None:
+    expected = [YawSource.BOTTOM, YawSource.FACE, YawSource.TOP]
+    sigmas = []
+    for (model, pose), source in zip(rack_pallets, expected, strict=True):
+        assert horizontal_source(model, rack_shot.camera_in(pose), CONFIG.yaw) is source
+        outcome = measured(measure_on_planes, rack_shot, model, pose, HeightPrior(pose.z, 0.003))
+        assert isinstance(outcome, Fit) or (source, outcome.reason) == (YawSource.FACE, Reason.UNCERTAIN)
+        fit = outcome.fit
+        assert fit is not None
+        assert (fit.yaw_from is YawSource.FACE) is (source is YawSource.FACE)
+        assert (last_step(fit, YawEstimate) is None) is (source is YawSource.FACE)
+        assert source is not YawSource.TOP or fit.yaw_from is not YawSource.BOTTOM
+        sigmas.append(float(np.sqrt(fit.covariance[3, 3])))
+    assert sigmas[1] > 1.5 * sigmas[0]  # near the camera's height the yaw is weak
+
+
+@pytest.mark.parametrize("aside_deg", [22.0, -22.0])
+def test_a_face_cut_by_the_images_border_is_refused(
+    aside_deg: float,
+    portrait: Portrait,
+    photograph: Callable[..., Shot],
+    narrow_view: CameraModel,
+    t11: PalletModel,
+) -> None:
+    straight = portrait(t11, POSE).mounting.forklift_from_camera
+    yaw, pitch, roll = straight.rotation.as_euler("ZYX", degrees=True).tolist()
+    shot = photograph(((t11, POSE),), narrow_view, (*straight.translation, yaw + aside_deg, pitch, roll))
+    corners = POSE.transform().apply([[0.0, side * t11.width / 2, 0.0] for side in (-1, 1)])
+    assert shot.project(corners).valid.sum() == 1
+    outcome = measured(measure_on_planes, shot, t11)
+    assert isinstance(outcome, Refusal)
+    assert outcome.reason is Reason.OUT_OF_VIEW
+
+
+def test_the_nearest_of_the_long_lines_is_taken() -> None:
+    long, near, short = BoundaryLine(0.01, 0.05, 200), BoundaryLine(0.02, -0.01, 150), BoundaryLine(0.03, 0.0, 60)
+    assert nearest_line([long, near, short]) is near
+    assert nearest_line([near, long]) is near
+    assert nearest_line([replace(long, up=0.0), replace(near, up=0.05)]) == replace(long, up=0.0)
+    assert nearest_line([long, short]) is long
+    assert nearest_line([short]) is short
+    assert nearest_line([]) is None
+
+
+# As in the paper.
+
+
+@COARSE
 @pytest.mark.parametrize("name", ["epal", "t11"])
 def test_a_pallet_is_measured_as_coarsely_as_the_method_can(
     measure: Measure, name: str, portrait: Portrait, request: pytest.FixtureRequest
 ) -> None:
     model: PalletModel = request.getfixturevalue(name)
-    found = measured(measure, portrait(model, POSE), model, replace(POSE, yaw=POSE.yaw + np.radians(2.0)))
-    assert found.refusal is None
-    assert found.pose is not None
-    assert np.hypot(found.pose.x - POSE.x, found.pose.y - POSE.y) < 0.08
-    assert abs(found.pose.z) < 0.08
-    assert abs(found.pose.yaw - POSE.yaw) < np.radians(3.0)
-    assert 0.0 < found.score <= 1.0
+    shot = portrait(model, POSE)
+    fit = found(measured(measure, shot, model, replace(POSE, yaw=POSE.yaw + np.radians(2.0))))
+    assert np.hypot(fit.pose.x - POSE.x, fit.pose.y - POSE.y) < 0.08
+    assert abs(fit.pose.z) < 0.08
+    assert abs(fit.pose.yaw - POSE.yaw) < np.radians(3.0)
+    assert 0.0 < fit.rank <= 1.0
+    assert (fit.face, fit.prior, fit.evidence) == (None, None, None)
+    assert_longest_along_the_ray(fit.covariance, shot)
 
 
-@BOTH
-def test_a_covariance_is_symmetric_positive_definite_and_longest_along_the_viewing_ray(
-    measure: Measure, portrait: Portrait, t11: PalletModel
-) -> None:
-    shot = portrait(t11, POSE)
-    covariance = measured(measure, shot, t11).covariance
-    assert covariance is not None
+def assert_longest_along_the_ray(covariance: FloatArray, shot: Shot) -> None:
     np.testing.assert_allclose(covariance, covariance.T)
     assert np.linalg.eigvalsh(covariance).min() > 0
-    ray = np.array([POSE.x, POSE.y, POSE.z]) - shot.mounting.center
+    ray = POSE.as_array()[:3] - shot.mounting.center
     _, axes = np.linalg.eigh(covariance[:3, :3])
     assert abs(axes[:, -1] @ ray) > 0.9 * np.linalg.norm(ray)
-
-
-@BOTH
-def test_nothing_is_measured_in_a_plain_image(measure: Measure, portrait: Portrait, t11: PalletModel) -> None:
-    shot = portrait(t11, POSE)
-    found = measured(measure, replace(shot, image=np.full_like(shot.image, 90)), t11)
-    assert found.refusal is not None
-    assert found.pose is None
-
-
-@BOTH
-def test_a_face_seen_from_behind_is_refused(measure: Measure, portrait: Portrait, t11: PalletModel) -> None:
-    found = measured(measure, portrait(t11, POSE), t11, replace(POSE, yaw=-np.pi / 2))
-    assert found.refusal is not None
-    assert found.refusal[1] is Reason.BEHIND_FACE
-
-
-@BOTH
-def test_a_place_out_of_range_is_refused(measure: Measure, portrait: Portrait, t11: PalletModel) -> None:
-    found = measured(measure, portrait(t11, POSE), t11, replace(POSE, y=40.0))
-    assert found.refusal is not None
-    assert found.pose is None
 
 
 def test_the_paper_has_no_answer_for_a_pallet_level_with_the_camera(
     rack_shot: Shot, rack_pallets: tuple[Placed, ...]
 ) -> None:
     model, level = rack_pallets[1]
-    found = measured(measure_as_in_paper, rack_shot, model, level)
-    assert found.refusal == (Stage.YAW, Reason.NO_LINE)
-    assert found.pose is None
+    outcome = measured(measure_as_in_paper, rack_shot, model, level)
+    assert isinstance(outcome, Refusal)
+    assert (outcome.stage, outcome.reason, outcome.fit) == (Stage.YAW, Reason.NO_LINE, None)
 
 
 def test_the_papers_yaw_is_houghs_angle(portrait: Portrait, t11: PalletModel) -> None:
-    found = measured(measure_as_in_paper, portrait(t11, POSE), t11, replace(POSE, yaw=POSE.yaw + 0.03))
-    assert found.pose is not None
-    assert len(found.horizontal) == 2
-    assert found.yaw_from is YawSource.BOTTOM
-    steps = np.degrees(found.pose.yaw - POSE.yaw - 0.03) / CONFIG.yaw.hough_step_deg
+    fit = found(measured(measure_as_in_paper, portrait(t11, POSE), t11, replace(POSE, yaw=POSE.yaw + 0.03)))
+    assert len(steps_of(fit, HorizontalView)) == 2
+    assert len(steps_of(fit, BoundaryLine)) == 1
+    assert last_step(fit, YawEstimate) is None
+    assert fit.yaw_from is YawSource.BOTTOM
+    steps = np.degrees(fit.pose.yaw - POSE.yaw - 0.03) / CONFIG.yaw.hough_step_deg
     assert steps == pytest.approx(round(steps), abs=1e-6)
-    assert found.yaw is None
-    assert found.face is None
 
 
 def test_the_papers_sweep_has_no_height_prior(portrait: Portrait, t11: PalletModel) -> None:
     shot = portrait(t11, POSE)
-    poses = []
-    for height in (FLOOR, None):
-        candidate = Candidate(t11, POSE, height)
-        measure_as_in_paper(shot, candidate, CONFIG)
-        poses.append(candidate.pose)
-    assert poses[0] == poses[1] is not None
+    known, free = (found(measured(measure_as_in_paper, shot, t11, POSE, height)) for height in (FLOOR, None))
+    assert known.pose == free.pose
 
 
 def test_the_papers_second_way_finds_the_boundary_of_two_regions(portrait: Portrait, t11: PalletModel) -> None:
     config = replace(CONFIG, yaw=replace(CONFIG.yaw, boundary=BoundaryMethod.TWO_REGION))
     start = replace(POSE, yaw=POSE.yaw + np.radians(3.0))
-    found = measured(measure_as_in_paper, portrait(t11, POSE), t11, start, config)
-    assert found.pose is not None
-    assert abs(found.pose.yaw - POSE.yaw) < np.radians(1.5)
+    fit = found(measured(measure_as_in_paper, portrait(t11, POSE), t11, start, config=config))
+    assert abs(fit.pose.yaw - POSE.yaw) < np.radians(1.5)
 
 
 def test_the_joint_search_is_kept_and_the_yaw_is_the_faces(portrait: Portrait, t11: PalletModel) -> None:
-    found = measured(measure_jointly, portrait(t11, POSE), t11)
-    assert found.joint is not None
-    assert found.joint.score.shape == (9, 9)
-    assert found.pose == found.joint.forklift_from_pallet
-    assert found.yaw_from is YawSource.FACE
+    fit = found(measured(measure_jointly, portrait(t11, POSE), t11))
+    joint = last_step(fit, JointSearch)
+    assert joint is not None
+    assert joint.score.shape == (9, 9)
+    assert (fit.pose, fit.rank) == (joint.forklift_from_pallet, joint.best)
+    assert fit.yaw_from is YawSource.FACE

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palletloc.geometry import FloatArray, LevelPose, wrap_angle
+from palletloc.geometry import FloatArray, LevelPose
 from palletloc.localizer import Localizer, Start
 from palletloc.pallet import PalletModel
 from palletloc.shot import Shot
@@ -35,10 +35,10 @@ def squared_errors(
         mounting = replace(shot.mounting, forklift_from_camera=recorded)
         start = LevelPose(*(pose.as_array() + rng.normal(0.0, [0.02, 0.02, 0.0, 0.02])).tolist())
         levels = (z,) if known else ()
-        found = Localizer(shot.camera, mounting, [model]).localize_from(shot, [Start(model.name, start)], levels)[0]
+        assumed = replace(shot, mounting=mounting)
+        found = Localizer([model]).localize_from(assumed, [Start(model.name, start)], levels)[0]
         if found is not None:
-            error = found.forklift_from_pallet.as_array() - pose.as_array()
-            error[3] = wrap_angle(error[3])
+            error = found.forklift_from_pallet.minus(pose)
             squared.append(float(error @ np.linalg.solve(found.covariance, error)))
             errors.append(error)
     return np.array(squared), np.array(errors)

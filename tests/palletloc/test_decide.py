@@ -61,7 +61,7 @@ def decided(best: Fit | Refusal, *groups: list[Rival]) -> Fit | Refusal:
 
 def added(found: Fit | Refusal) -> FloatArray:
     assert found.fit is not None
-    return found.fit.covariance - SURE
+    return np.asarray(found.fit.covariance - SURE)
 
 
 @pytest.mark.parametrize("best", [FIT, REFUSED], ids=["fit", "refused"])

@@ -5,9 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import RigidTransform
 
 from palletloc.detection import Detection, detect
-from palletloc.geometry import Image, LevelPose, wrap_angle
+from palletloc.geometry import LevelPose
+from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
 from palletloc.shelf import ShelfPlane
 from palletloc.shelf_view import DetectionConfig, ShelfPlaneError, ShelfView
@@ -19,13 +21,9 @@ Placed = tuple[PalletModel, LevelPose]
 
 
 def detected(
-    shot: Shot,
-    models: Sequence[PalletModel],
-    shelf: ShelfPlane = SHELF,
-    image: Image | None = None,
+    shot: Shot, models: Sequence[PalletModel], shelf: ShelfPlane = SHELF
 ) -> tuple[list[Detection], list[ShelfView]]:
-    seen = shot.image if image is None else image
-    return detect(shot.projector, seen, shelf, shot.mounting.forklift_from_camera, models, CONFIG)
+    return detect(shot, shelf, models, CONFIG)
 
 
 def hits(found: Sequence[Detection], model: PalletModel, truth: LevelPose) -> list[int]:
@@ -33,10 +31,10 @@ def hits(found: Sequence[Detection], model: PalletModel, truth: LevelPose) -> li
     good = []
     cos, sin = np.cos(truth.yaw), np.sin(truth.yaw)
     for rank, one in enumerate(found):
-        dx, dy, dz, turn = one.forklift_from_pallet.as_array() - truth.as_array()
+        dx, dy, dz, turn = one.forklift_from_pallet.minus(truth)
         along, depth = sin * dx - cos * dy, cos * dx + sin * dy
         near = abs(along) < 0.06 and abs(depth) < 0.12 and abs(dz) < 0.06
-        if one.model == model and near and abs(wrap_angle(turn)) < np.radians(6.0):
+        if one.model == model and near and abs(turn) < np.radians(6.0):
             good.append(rank)
     return good
 
@@ -104,11 +102,10 @@ def test_the_same_shot_gives_the_same_detections(floor_shot: Shot, floor_pallets
 def test_the_mirrored_shelf_gives_mirrored_detections(floor_shot: Shot, floor_pallets: tuple[Placed, ...]) -> None:
     mirror = np.diag([1.0, -1.0, 1.0, 1.0])
     matrix = mirror @ floor_shot.mounting.forklift_from_camera.as_matrix() @ mirror
-    mounting = type(floor_shot.mounting.forklift_from_camera).from_matrix(matrix)
-    image = np.ascontiguousarray(floor_shot.image[:, ::-1])
+    mounting = Mounting(RigidTransform.from_matrix(matrix))
+    shot = replace(floor_shot, image=np.ascontiguousarray(floor_shot.image[:, ::-1]), mounting=mounting)
     shelf = replace(SHELF, y=-SHELF.y, facing=-SHELF.facing)
-    models = [model for model, _ in floor_pallets]
-    found, _ = detect(floor_shot.projector, image, shelf, mounting, models, CONFIG)
+    found, _ = detected(shot, [model for model, _ in floor_pallets], shelf)
     for model, pose in floor_pallets:
         mirrored = LevelPose(pose.x, -pose.y, pose.z, -pose.yaw)
         assert hits(found, model, mirrored)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palletloc.face import EdgeKind, FaceEdge, edge_shift, face_edges, face_lines
+from palletloc.face import EdgeKind, FaceEdge, edge_shift, face_edges, face_lines, visible_lines
 from palletloc.pallet import PalletModel
 from palletloc.pallet_library import load_library
 
@@ -168,3 +168,10 @@ def test_the_mirrored_camera_sees_the_mirrored_shift(t11: PalletModel) -> None:
         here = shifts[(edge.kind, *np.round([-edge.middle[0], edge.middle[1]], 9).tolist())]
         assert mirrored.mean == pytest.approx(here.mean)
         assert mirrored.sigma == pytest.approx(here.sigma)
+
+
+@pytest.mark.parametrize("up", [-1.0, 1.8])
+def test_from_below_the_lower_edge_is_not_measured(up: float, open_below: PalletModel) -> None:
+    kinds = {line.kind for line in visible_lines(open_below, np.array([0.0, up, 2.0]))}
+    assert (EdgeKind.BOTTOM in kinds) is (up > 0)
+    assert kinds | {EdgeKind.BOTTOM} == {line.kind for line in face_lines(open_below)}

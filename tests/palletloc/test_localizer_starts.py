@@ -166,3 +166,17 @@ def test_a_start_far_off_along_the_viewing_ray_leads_to_the_pallet(
     error = np.abs(found.forklift_from_pallet.as_array() - pose.as_array())
     assert error[:3].max() < 0.03
     assert error[3] < np.radians(1.0)
+
+
+def test_one_localizer_takes_shots_of_any_camera_in_any_order(
+    portrait: Callable[..., Shot], floor_shot: Shot, floor_pallets: tuple[Placed, ...], t11: PalletModel
+) -> None:
+    pose = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
+    given = [(floor_shot, Start("t11", floor_pallets[1][1])), (portrait(t11, pose), Start("t11", pose))]
+    localizer = Localizer([t11])
+    for shot, start in (*given, *given[::-1]):
+        (row,), (alone,) = (each.localize_from(shot, [start], (0.0,)) for each in (localizer, Localizer([t11])))
+        assert row is not None
+        assert alone is not None
+        assert row.forklift_from_pallet == alone.forklift_from_pallet
+        np.testing.assert_array_equal(row.covariance, alone.covariance)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from palletloc.geometry import FloatArray, Image
-from palletloc.matching import FULL, Energy, component_gradients, edge_energy, gradient_across
+from palletloc.matching import FULL, Energy, channel_sum, component_gradients, edge_energy, gradient_across, smoothed
 
 WINDOW = (41, 21)
 
@@ -110,3 +110,19 @@ def test_there_is_no_energy_in_a_plain_image_and_little_in_sensor_noise() -> Non
     assert edge_energy(plain, WINDOW).level.max() == 0
     noisy = plain + np.random.default_rng(0).integers(0, 2, plain.shape, dtype=np.uint8)
     assert edge_energy(noisy, WINDOW, dilation=0).level.mean() < 0.15 * FULL
+
+
+def test_smoothing_takes_noise_away_and_keeps_the_shape() -> None:
+    clear = patchwork(1)
+    noisy = np.clip(clear + np.random.default_rng(0).normal(0.0, 10.0, clear.shape), 0, 255).astype(np.uint8)
+    smooth = smoothed(noisy, 0.004)
+    assert smooth.shape == clear.shape
+    assert smooth.dtype == np.uint8
+    flat = np.s_[13:17, 13:17]  # the middle of a patch
+    before, after = (np.abs(image[flat].astype(int) - clear[flat]).mean() for image in (noisy, smooth))
+    assert after < 0.7 * before
+
+
+def test_channels_add_up() -> None:
+    channels = np.random.default_rng(0).uniform(0.0, 9.0, (6, 5, 3)).astype(np.float32)
+    np.testing.assert_allclose(channel_sum(channels), channels.sum(axis=2), rtol=1e-6)

@@ -7,23 +7,24 @@ from typing import Any
 import numpy as np
 import pytest
 
-import palletloc.methods
+from palletloc import methods
 from palletloc.cameras import CameraModel
-from palletloc.candidate import Candidate, Fit, Refusal
+from palletloc.candidate import Candidate, Fit, Refusal, last_step
+from palletloc.choices import Method
 from palletloc.config import LocalizerConfig
-from palletloc.geometry import FloatArray, LevelPose, wrap_angle
+from palletloc.geometry import FloatArray, LevelPose
 from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
-from palletloc.methods import measure_refined
+from palletloc.methods import METHODS, measure_refined
 from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
+from palletloc.paper.joint_search import JointSearchConfig
 from palletloc.refinement.search import Search, search
 from palletloc.shot import Shot
-from palletloc.verification import of_use
+from palletloc.verification import of_use, verify
 
 POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
 FLOOR = HeightPrior(0.0, 0.003)
 CONFIG = LocalizerConfig()
-NAMES = pytest.mark.parametrize("name", ["epal", "t11", "open_below"])
 HEIGHTS = pytest.mark.parametrize("height", [FLOOR, None], ids=["level", "free"])
 Portrait = Callable[..., Shot]
 Placed = tuple[PalletModel, LevelPose]
@@ -32,13 +33,28 @@ Placed = tuple[PalletModel, LevelPose]
 def measured(
     shot: Shot,
     model: PalletModel,
-    start: LevelPose,
+    start: LevelPose = POSE,
     height: HeightPrior | None = FLOOR,
     config: LocalizerConfig = CONFIG,
-) -> Candidate:
+) -> Fit | Refusal:
+    """Measure, and check that the candidate is kept as it was given."""
     candidate = Candidate(model, start, height)
-    measure_refined(shot, candidate, config)
-    return candidate
+    outcome = measure_refined(shot, candidate, config)
+    assert outcome.candidate is candidate
+    assert candidate == Candidate(model, start, height)
+    return outcome
+
+
+def fit_of(outcome: Fit | Refusal) -> Fit:
+    """Return what was measured, whether it was given up or not."""
+    assert outcome.fit is not None, outcome
+    return outcome.fit
+
+
+def found(shot: Shot, model: PalletModel, start: LevelPose = POSE, height: HeightPrior | None = FLOOR) -> Fit:
+    outcome = measured(shot, model, start, height)
+    assert isinstance(outcome, Fit)
+    return outcome
 
 
 def moved(pose: LevelPose, right: float = 0.0, depth: float = 0.0, turn_deg: float = 0.0) -> LevelPose:
@@ -47,83 +63,56 @@ def moved(pose: LevelPose, right: float = 0.0, depth: float = 0.0, turn_deg: flo
     return replace(pose, x=float(x), y=float(y), yaw=float(pose.yaw + np.radians(turn_deg)))
 
 
-def wrong(candidate: Candidate, truth: LevelPose = POSE) -> FloatArray:
-    assert candidate.pose is not None, candidate.refusal
-    error = candidate.pose.as_array() - truth.as_array()
-    error[3] = wrap_angle(error[3])
-    return error
+def wrong(outcome: Fit | Refusal, truth: LevelPose = POSE) -> FloatArray:
+    return fit_of(outcome).pose.minus(truth)
 
 
-@NAMES
 @HEIGHTS
 @pytest.mark.parametrize(("right", "depth", "turn_deg"), [(0.02, 0.05, 3.0), (-0.04, -0.05, -4.0)])
 def test_near_starts_lead_within_millimetres_as_the_covariance_says(
-    name: str,
-    height: HeightPrior | None,
-    right: float,
-    depth: float,
-    turn_deg: float,
-    portrait: Portrait,
-    request: pytest.FixtureRequest,
+    model: PalletModel, height: HeightPrior | None, right: float, depth: float, turn_deg: float, portrait: Portrait
 ) -> None:
-    model: PalletModel = request.getfixturevalue(name)
-    found = measured(portrait(model, POSE), model, moved(POSE, right, depth, turn_deg), height)
-    assert found.refusal is None
-    assert found.covariance is not None
-    error = wrong(found)
+    fit = found(portrait(model, POSE), model, moved(POSE, right, depth, turn_deg), height)
+    error = wrong(fit)
     assert np.abs(error[:3]).max() < (0.010 if height else 0.025)
     assert abs(error[3]) < np.radians(0.6)
-    assert error @ np.linalg.solve(found.covariance, error) < 20.0
-
-
-@NAMES
-@HEIGHTS
-def test_a_covariance_is_symmetric_and_positive_definite(
-    name: str, height: HeightPrior | None, portrait: Portrait, request: pytest.FixtureRequest
-) -> None:
-    model: PalletModel = request.getfixturevalue(name)
-    covariance = measured(portrait(model, POSE), model, POSE, height).covariance
-    assert covariance is not None
-    np.testing.assert_allclose(covariance, covariance.T, rtol=1e-9, atol=1e-15)
-    assert np.linalg.eigvalsh(covariance).min() > 0
+    assert error @ np.linalg.solve(fit.covariance, error) < 20.0
+    np.testing.assert_allclose(fit.covariance, fit.covariance.T, rtol=1e-9, atol=1e-15)
+    assert np.linalg.eigvalsh(fit.covariance).min() > 0
 
 
 def test_without_a_level_the_viewing_ray_is_the_least_certain(portrait: Portrait, epal: PalletModel) -> None:
     shot = portrait(epal, POSE)
-    known, free = (measured(shot, epal, POSE, height).covariance for height in (FLOOR, None))
-    assert known is not None
-    assert free is not None
+    known, free = (fit_of(measured(shot, epal, POSE, height)).covariance for height in (FLOOR, None))
     assert (np.diag(free) > np.diag(known)).all()
     _, axes = np.linalg.eigh(free[:3, :3])
     ray = POSE.as_array()[:3] - shot.mounting.center
     assert abs(axes[:, -1] @ ray) > 0.9 * np.linalg.norm(ray)
 
 
-@NAMES
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 @HEIGHTS
 def test_a_pallet_one_opening_aside_is_not_taken(
-    name: str, side: float, height: HeightPrior | None, portrait: Portrait, request: pytest.FixtureRequest
+    model: PalletModel, side: float, height: HeightPrior | None, portrait: Portrait
 ) -> None:
-    model: PalletModel = request.getfixturevalue(name)
     pitch = model.openings[1].center - model.openings[0].center
-    found = measured(portrait(model, POSE), model, moved(POSE, side * pitch), height)
-    if found.refusal is None:
-        assert np.abs(wrong(found)[:3]).max() < 0.05
+    outcome = measured(portrait(model, POSE), model, moved(POSE, side * pitch), height)
+    if isinstance(outcome, Fit):
+        assert np.abs(wrong(outcome)[:3]).max() < 0.05
     else:
-        assert found.refusal[0] is not Stage.START
+        assert outcome.stage is not Stage.START
 
 
-def test_every_step_leaves_its_result(portrait: Portrait, t11: PalletModel) -> None:
-    found = measured(portrait(t11, POSE), t11, moved(POSE, depth=0.04, turn_deg=2.0))
-    assert found.refusal is None
-    assert found.search is not None
-    assert found.face is not None
-    assert found.verification is not None
-    assert found.verification.reason is None
-    assert found.pose == found.face.forklift_from_pallet
-    assert found.yaw_from is YawSource.BOTTOM
-    assert (found.sweep, found.joint, found.yaw) == (None, None, None)
+def test_a_fit_holds_what_its_steps_found(portrait: Portrait, t11: PalletModel) -> None:
+    fit = found(portrait(t11, POSE), t11, moved(POSE, depth=0.04, turn_deg=2.0))
+    assert [type(step) for step in fit.steps] == [Search]
+    assert fit.face is not None
+    assert fit.evidence is not None
+    assert verify(fit.evidence, CONFIG.verification) is None
+    assert fit.pose == fit.face.forklift_from_pallet
+    assert fit.prior is not None
+    assert (fit.prior.height, fit.prior.yaw) == (FLOOR, None)
+    assert fit.yaw_from is YawSource.BOTTOM
 
 
 @pytest.mark.parametrize(("depth", "turn_deg"), [(0.08, 5.0), (-0.08, 5.0), (0.08, -5.0), (-0.08, -5.0)])
@@ -131,8 +120,7 @@ def test_all_starts_around_a_pallet_lead_to_the_same_pose(
     depth: float, turn_deg: float, portrait: Portrait, t11: PalletModel
 ) -> None:
     shot = portrait(t11, POSE)
-    straight, aside = measured(shot, t11, POSE), measured(shot, t11, moved(POSE, depth=depth, turn_deg=turn_deg))
-    assert straight.pose is not None
+    straight, aside = found(shot, t11), measured(shot, t11, moved(POSE, depth=depth, turn_deg=turn_deg))
     apart = wrong(aside, straight.pose)
     assert np.abs(apart[:3]).max() < 0.002
     assert abs(apart[3]) < np.radians(0.1)
@@ -142,10 +130,10 @@ def test_far_starts_need_a_wide_search(portrait: Portrait, t11: PalletModel) -> 
     shot = portrait(t11, POSE)
     start = moved(POSE, depth=0.35, turn_deg=15.0)
     narrow = measured(shot, t11, start)
-    assert narrow.refusal is not None or np.abs(wrong(narrow)).max() < 0.02
+    assert isinstance(narrow, Refusal) or np.abs(wrong(narrow)).max() < 0.02
     search = replace(CONFIG.search, turn_deg=24.0, nearer=0.9, farther=0.9)
     wide = measured(shot, t11, start, config=replace(CONFIG, search=search))
-    assert wide.refusal is None
+    assert isinstance(wide, Fit)
     assert np.abs(wrong(wide)[:3]).max() < 0.01
     assert abs(wrong(wide)[3]) < np.radians(0.6)
 
@@ -155,24 +143,19 @@ def test_at_every_height_a_pallet_is_measured_as_well_as_its_covariance_says_or_
 ) -> None:
     sigmas = []
     for model, pose in rack_pallets:
-        found = measured(rack_shot, model, moved(pose, 0.02, 0.03, 1.0), HeightPrior(pose.z, 0.003))
-        assert found.covariance is not None
-        error = wrong(found, pose)
-        assert error @ np.linalg.solve(found.covariance, error) < 25.0
-        assert found.refusal in (None, (Stage.VERIFICATION, Reason.UNCERTAIN))
-        assert (found.refusal is None) == of_use(found.covariance, CONFIG.verification)
-        sigmas.append(float(np.sqrt(found.covariance[3, 3])))
+        outcome = measured(rack_shot, model, moved(pose, 0.02, 0.03, 1.0), HeightPrior(pose.z, 0.003))
+        covariance, error = fit_of(outcome).covariance, wrong(outcome, pose)
+        assert error @ np.linalg.solve(covariance, error) < 25.0
+        assert isinstance(outcome, Fit) or (outcome.stage, outcome.reason) == (Stage.VERIFICATION, Reason.UNCERTAIN)
+        assert isinstance(outcome, Fit) == of_use(covariance, CONFIG.verification)
+        sigmas.append(float(np.sqrt(covariance[3, 3])))
     assert sigmas[1] > 1.5 * sigmas[0]  # level with the camera only little tells the yaw
 
 
 def test_an_uncertain_mounting_makes_the_pose_uncertain(portrait: Portrait, epal: PalletModel) -> None:
     shot = portrait(epal, POSE)
     loose = Mounting(shot.mounting.forklift_from_camera, (0.004, 0.004, 0.004), (0.003, 0.003, 0.003))
-    usual, unsure = (
-        measured(replace(shot, mounting=mounting), epal, POSE).covariance for mounting in (shot.mounting, loose)
-    )
-    assert usual is not None
-    assert unsure is not None
+    usual, unsure = (fit_of(measured(each, epal)).covariance for each in (shot, replace(shot, mounting=loose)))
     assert np.linalg.eigvalsh(unsure - usual).min() > -1e-6
     assert np.sqrt(unsure[3, 3]) > 0.003
     assert np.sqrt(unsure[0, 0]) > 0.004
@@ -181,9 +164,7 @@ def test_an_uncertain_mounting_makes_the_pose_uncertain(portrait: Portrait, epal
 def test_no_colour_gives_nearly_the_same_pose(portrait: Portrait, t11: PalletModel) -> None:
     shot = portrait(t11, POSE)
     gray = replace(shot, image=np.asarray(shot.image.mean(axis=2), dtype=np.uint8))
-    colour, without = measured(shot, t11, POSE), measured(gray, t11, POSE)
-    assert colour.pose is not None
-    assert without.covariance is not None
+    colour, without = found(shot, t11), fit_of(measured(gray, t11))
     assert (np.abs(wrong(without, colour.pose)) < 2 * np.sqrt(np.diag(without.covariance))).all()
 
 
@@ -199,9 +180,9 @@ def test_no_colour_gives_nearly_the_same_pose(portrait: Portrait, t11: PalletMod
 def test_a_start_from_which_nothing_can_be_seen_is_refused(
     start: LevelPose, stage: Stage, reason: Reason, portrait: Portrait, t11: PalletModel
 ) -> None:
-    found = measured(portrait(t11, POSE), t11, start)
-    assert found.refusal == (stage, reason)
-    assert found.pose is None
+    outcome = measured(portrait(t11, POSE), t11, start)
+    assert isinstance(outcome, Refusal)
+    assert (outcome.stage, outcome.reason, outcome.fit) == (stage, reason, None)
 
 
 @pytest.mark.parametrize("aside_deg", [22.0, -22.0])
@@ -215,9 +196,9 @@ def test_a_face_cut_by_the_images_border_is_refused(
     straight = portrait(t11, POSE).mounting.forklift_from_camera
     yaw, pitch, roll = straight.rotation.as_euler("ZYX", degrees=True).tolist()
     shot = photograph(((t11, POSE),), narrow_view, (*straight.translation, yaw + aside_deg, pitch, roll))
-    found = measured(shot, t11, POSE)
-    assert found.refusal is not None
-    assert found.pose is None
+    outcome = measured(shot, t11)
+    assert isinstance(outcome, Refusal)
+    assert outcome.fit is None
 
 
 @pytest.mark.parametrize("fill", ["plain", "noise"])
@@ -229,15 +210,16 @@ def test_an_image_without_a_pallet_gives_a_refusal(
     shape = shot.image.shape
     noise = np.random.default_rng(0).integers(0, 256, shape, dtype=np.uint8)
     image = noise if fill == "noise" else np.full(shape, 90, np.uint8)
-    found = measured(replace(shot, image=image), t11, POSE, height)
-    assert found.refusal is not None
+    assert isinstance(measured(replace(shot, image=image), t11, POSE, height), Refusal)
 
 
 def test_another_pallets_face_is_not_taken_for_it(
     portrait: Portrait, open_below: PalletModel, epal: PalletModel
 ) -> None:
-    found = measured(portrait(open_below, POSE), epal, POSE)
-    assert found.refusal is not None
+    outcome = measured(portrait(open_below, POSE), epal)
+    assert isinstance(outcome, Refusal)
+    assert outcome.stage is Stage.VERIFICATION
+    assert last_step(outcome, Search) is not None  # what was found on the way is kept
 
 
 def misled(monkeypatch: pytest.MonkeyPatch, right: float) -> None:
@@ -250,18 +232,18 @@ def misled(monkeypatch: pytest.MonkeyPatch, right: float) -> None:
         peaks = tuple(replace(peak, pose=moved(peak.pose, right)) for peak in looked.found.peaks)
         return replace(looked, found=replace(looked.found, peaks=peaks), finer=())
 
-    monkeypatch.setattr(palletloc.refined, "search", elsewhere)
+    monkeypatch.setattr(methods, "search", elsewhere)
 
 
-@pytest.mark.parametrize(("height", "found"), [(FLOOR, True), (None, False)], ids=["level", "free"])
+@pytest.mark.parametrize(("height", "is_found"), [(FLOOR, True), (None, False)], ids=["level", "free"])
 def test_on_a_level_a_start_is_tried_itself_where_the_search_leads_nowhere(
-    monkeypatch: pytest.MonkeyPatch, portrait: Portrait, t11: PalletModel, height: HeightPrior | None, found: bool
+    monkeypatch: pytest.MonkeyPatch, portrait: Portrait, t11: PalletModel, height: HeightPrior | None, is_found: bool
 ) -> None:
     misled(monkeypatch, 0.2)
-    candidate = measured(portrait(t11, POSE), t11, moved(POSE, 0.004, 0.006), height)
-    assert (candidate.refusal is None) is found
-    if found:
-        assert np.abs(wrong(candidate)[:3]).max() < 0.01
+    outcome = measured(portrait(t11, POSE), t11, moved(POSE, 0.004, 0.006), height)
+    assert isinstance(outcome, Fit) is is_found
+    if is_found:
+        assert np.abs(wrong(outcome)[:3]).max() < 0.01
 
 
 def test_what_the_search_leads_to_counts_where_the_start_itself_leads_nowhere(
@@ -269,5 +251,26 @@ def test_what_the_search_leads_to_counts_where_the_start_itself_leads_nowhere(
 ) -> None:
     misled(monkeypatch, 0.2)
     both = measured(portrait(t11, POSE), t11, moved(POSE, 0.25))
-    assert both.refusal is not None
-    assert both.refusal[0] is Stage.VERIFICATION
+    assert isinstance(both, Refusal)
+    assert both.stage is Stage.VERIFICATION
+
+
+@pytest.mark.parametrize("method", Method)
+def test_every_method_leaves_what_it_is_given_as_it_was(
+    method: Method, floor_shot: Shot, floor_pallets: tuple[Placed, ...]
+) -> None:
+    model, pose = floor_pallets[1]
+    image, config = floor_shot.image.copy(), replace(CONFIG, joint_search=JointSearchConfig(turns=3, depths=3))
+    candidate = Candidate(model, moved(pose, 0.01, 0.02, 1.0), FLOOR, 0.5)
+    first, second = (METHODS[method](floor_shot, candidate, config) for _ in range(2))
+    np.testing.assert_array_equal(floor_shot.image, image)
+    assert candidate == Candidate(model, moved(pose, 0.01, 0.02, 1.0), FLOOR, 0.5)
+    for outcome in (first, second):
+        assert outcome.candidate == candidate or (method is Method.JOINT_SEARCH and outcome.rank != 0.5)
+    if isinstance(first, Fit):
+        assert isinstance(second, Fit)
+        assert first.pose == second.pose
+        np.testing.assert_array_equal(first.covariance, second.covariance)
+    else:  # the paper's sweep has no height to hold on to
+        assert isinstance(second, Refusal)
+        assert (method, first.reason) == (Method.PAPER, second.reason)

@@ -1,14 +1,17 @@
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from palletloc.cameras import Equirectangular, KannalaBrandt
-from palletloc.geometry import Image
-from palletloc.plane import PALLET_FROM_HORIZONTAL, PALLET_FROM_VERTICAL, PlaneGrid
-from palletloc.projection import Interpolation, Projector
+from palletloc.cameras import CameraModel, Equirectangular, KannalaBrandt, Pinhole
+from palletloc.geometry import FloatArray, Image, LevelPose
+from palletloc.plane import PALLET_FROM_HORIZONTAL, PALLET_FROM_VERTICAL, PlaneGrid, place_plane
+from palletloc.projection import MAX_ERROR_PX, Interpolation, Projector, coarse_table, pixel_sizes
+from palletloc.remap_table import RemapTable, exact_map
 
 CAMERA = Equirectangular(960, 480)
 GRID = PlaneGrid.spanning(-0.6, 0.6, 0.0, 0.3, resolution=0.01)
@@ -141,3 +144,133 @@ class TestCache:
 def test_refuses_an_image_that_is_not_the_cameras(wrong: Image) -> None:
     with pytest.raises(ValueError, match=r"images of 960 x 480 pixels, got an array of shape"):
         Projector(CAMERA).view(wrong, vertical(2.0), GRID)
+
+
+# Coarse tables.
+
+Mounted = Callable[..., RigidTransform]
+SHELF = PlaneGrid.spanning(-2.0, 4.0, -0.3, 0.9, 0.012)
+
+
+def beside(mounted: Mounted, distance: float, yaw_deg: float = 3.0) -> RigidTransform:
+    """The camera's view of a plane on its left, the camera turned in its mounting."""
+    camera_from_forklift = mounted(0.3, -0.1, 1.8, yaw_deg, 1.0, -0.5).inv()
+    return place_plane(camera_from_forklift, LevelPose(0.3, distance - 0.1, 0.0, np.pi / 2), PALLET_FROM_VERTICAL)
+
+
+def error_px(
+    table: RemapTable, camera: CameraModel, camera_from_plane: RigidTransform, grid: PlaneGrid
+) -> FloatArray:
+    exact = exact_map(camera, camera_from_plane, grid)
+    away = (table.pixels() - exact.pixels)[table.valid & exact.valid]
+    if camera.period_px is not None:
+        away[:, 0] -= camera.period_px * np.round(away[:, 0] / camera.period_px)
+    lengths: FloatArray = np.linalg.norm(away, axis=-1)
+    return lengths
+
+
+@pytest.mark.parametrize("size", [(1920, 960), (3840, 1920)])
+@pytest.mark.parametrize("distance", [0.4, 0.8, 1.6, 3.0])
+@pytest.mark.parametrize("yaw_deg", [3.0, -90.0], ids=["ahead", "across_the_seam"])
+def test_a_coarse_table_is_within_its_error_of_the_exact_map(
+    size: tuple[int, int], distance: float, yaw_deg: float, mounted: Mounted
+) -> None:
+    camera, camera_from_plane = Equirectangular(*size), beside(mounted, distance, yaw_deg)
+    table = coarse_table(Projector(camera), camera_from_plane, SHELF)
+    assert table.complete
+    assert table.places.shape == (SHELF.rows, SHELF.columns, 2)
+    assert error_px(table, camera, camera_from_plane, SHELF).max() < 1.1 * MAX_ERROR_PX
+
+
+def test_at_an_ordinary_distance_the_table_is_coarse_and_shows_the_same(mounted: Mounted) -> None:
+    camera, camera_from_plane = Equirectangular(3840, 1920), beside(mounted, 1.9)
+    projector = Projector(camera)
+    table, exact = coarse_table(projector, camera_from_plane, SHELF), projector.table(camera_from_plane, SHELF)
+    assert (
+        error_px(table, camera, camera_from_plane, SHELF).max()
+        > error_px(exact, camera, camera_from_plane, SHELF).max()
+    )
+    columns, rows = np.meshgrid(np.arange(3840), np.arange(1920))
+    image = (127 + 60 * np.sin(columns / 40) + 60 * np.sin(rows / 40)).astype(np.uint8)
+    shown = [each.apply(image, Interpolation.LINEAR).astype(int) for each in (table, exact)]
+    assert np.abs(shown[0] - shown[1]).max() < 4
+
+
+def test_where_the_camera_does_not_see_all_of_the_plane_the_exact_table_is_taken(mounted: Mounted) -> None:
+    camera, camera_from_plane = Pinhole(640, 480, 400.0, 400.0, 319.5, 239.5), beside(mounted, 1.5, 85.0)
+    projector = Projector(camera)
+    table = coarse_table(projector, camera_from_plane, SHELF)
+    assert table is projector.table(camera_from_plane, SHELF)
+    assert not table.complete
+    assert table.valid.any()
+
+
+def test_a_coarse_table_cannot_be_written_to(mounted: Mounted) -> None:
+    table = coarse_table(Projector(Equirectangular(1920, 960)), beside(mounted, 2.0), SHELF)
+    assert not table.places.flags.writeable
+
+
+# The size of a pixel on a plane.
+
+LENSES: dict[str, CameraModel] = {
+    "equirectangular": Equirectangular(1920, 960),
+    "pinhole": Pinhole(640, 480, 420.0, 400.0, 319.5, 239.5, -0.03, 0.004),
+    "fisheye": KannalaBrandt(800, 800, 240.0, 240.0, 399.5, 399.5, 0.01, max_angle=np.radians(97.0)),
+}
+POINTS = np.random.default_rng(0).uniform([-0.6, 0.0], [0.6, 0.2], (12, 2))
+TURNS = np.random.default_rng(1).uniform(-np.pi, np.pi, 12)
+DIRECTIONS = np.stack([np.cos(TURNS), np.sin(TURNS)], -1)
+
+
+def placed(x: float, y: float, z: float, heading: float, plane: RigidTransform) -> RigidTransform:
+    return RigidTransform.from_components([x, y, z], Rotation.from_euler("z", heading)) * plane
+
+
+def brute_force(camera: CameraModel, camera_from_plane: RigidTransform) -> FloatArray:
+    """How far a millimetre on the plane, half of it to each side, moves in the image."""
+    step = 5e-4
+    ends = []
+    for side in (-1, 1):
+        on_plane = POINTS + side * step * DIRECTIONS
+        points = camera_from_plane.apply(np.pad(on_plane, ((0, 0), (0, 1))))
+        ends.append(camera.project(points).pixels)
+    size: FloatArray = 2 * step / np.linalg.norm(ends[1] - ends[0], axis=-1)
+    return size
+
+
+@pytest.mark.parametrize("camera", LENSES.values(), ids=LENSES)
+@pytest.mark.parametrize(
+    "camera_from_plane",
+    [
+        placed(2.5, 0.2, -0.3, 0.3, PALLET_FROM_VERTICAL),
+        placed(2.5, -0.2, -0.9, -0.2, PALLET_FROM_HORIZONTAL),
+    ],
+    ids=["vertical", "horizontal"],
+)
+def test_a_pixel_is_as_large_as_moving_points_say(camera: CameraModel, camera_from_plane: RigidTransform) -> None:
+    sizes = pixel_sizes(camera, camera_from_plane, POINTS, DIRECTIONS)
+    np.testing.assert_allclose(sizes, brute_force(camera, camera_from_plane), rtol=2e-3)
+
+
+def test_seen_straight_a_pixel_spans_distance_over_focal_length() -> None:
+    camera = Pinhole(640, 480, 400.0, 200.0, 319.5, 239.5)
+    sizes = pixel_sizes(camera, placed(3.0, 0.0, 0.0, 0.0, PALLET_FROM_VERTICAL), np.zeros((2, 2)), np.eye(2))
+    np.testing.assert_allclose(sizes, [3.0 / 400.0, 3.0 / 200.0], rtol=1e-4)
+
+
+def test_the_seam_of_a_closed_image_is_like_any_other_place() -> None:
+    camera = LENSES["equirectangular"]
+    points = np.stack([np.linspace(-1e-4, 1e-4, 21), np.full(21, 0.1)], -1)
+    right = np.broadcast_to([1.0, 0.0], points.shape)
+    ahead = pixel_sizes(camera, placed(2.0, 0.0, -0.5, 0.0, PALLET_FROM_VERTICAL), points, right)
+    behind = pixel_sizes(camera, placed(-2.0, 0.0, -0.5, np.pi, PALLET_FROM_VERTICAL), points, right)
+    np.testing.assert_allclose(behind, ahead, rtol=1e-6)
+
+
+def test_what_is_not_seen_has_no_finite_size() -> None:
+    camera = LENSES["pinhole"]
+    sizes = pixel_sizes(camera, placed(-2.0, 0.0, 0.0, 0.0, PALLET_FROM_VERTICAL), POINTS, DIRECTIONS)
+    assert np.isinf(sizes).all()
+    aside = np.array([[0.0, 0.0], [5.0, 0.0]])
+    partly = pixel_sizes(camera, placed(2.0, 0.0, 0.0, 0.0, PALLET_FROM_VERTICAL), aside, np.eye(2))
+    assert np.isfinite(partly).tolist() == [True, False]

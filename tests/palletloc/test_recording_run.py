@@ -2,26 +2,27 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from palletloc.candidate import Candidate
+from palletloc.candidate import Candidate, Fit, Refusal
 from palletloc.choices import Method
-from palletloc.config import LocalizerConfig, PriorConfig
+from palletloc.config import LocalizerConfig
 from palletloc.geometry import LevelPose
 from palletloc.io.atomic import OutputError
 from palletloc.io.csv_table import TableError
 from palletloc.io.images import ImageError
 from palletloc.io.measurements import NoPose
-from palletloc.io.recording import Recording, read_recording
+from palletloc.io.recording import ShotError
 from palletloc.io.run_folder import Run, RunFolder
 from palletloc.io.yaml_document import DocumentError
 from palletloc.localizer import Explanation, Localizer
-from palletloc.measurement import PalletMeasurement, YawSource
-from palletloc.recording_run import Job, Outcome, ShotError, read_job, shelf_at, work_through
+from palletloc.measurement import PalletMeasurement, Reason, Stage, YawSource
+from palletloc.prior import PriorConfig
+from palletloc.recording_run import Job, ShotOutcome, read_job, work_through
+from palletloc.shot import Shot
 
 RUN = Run(recording="0", method="m", configuration="c", starts="")
 PRIOR = PriorConfig(drift_rate_deg_s=0.5, max_drift_deg=0.8)
@@ -44,48 +45,22 @@ def damage(folder: Path, *numbers: int) -> None:
         (folder / "images" / f"{number}.png").write_bytes(b"no image")
 
 
-def worked(job: Job, out: Path, *, strict: bool = False, resume: bool = False) -> list[Outcome]:
+def worked(job: Job, out: Path, *, strict: bool = False, resume: bool = False) -> list[ShotOutcome]:
     with RunFolder(out, RUN, job.recording.folder, job.shots, resume=resume) as output:
         return list(work_through(job, output, strict=strict))
 
 
-def problems(outcomes: Sequence[Outcome]) -> dict[int, str]:
-    return {one.number: one.problem for one in outcomes if one.problem}
-
-
-@pytest.fixture
-def recording(blank_recording: Path) -> Recording:
-    return read_recording(blank_recording)
-
-
-@pytest.mark.parametrize("time", [0.0, 0.25, 1.0, 1.7, 2.0])
-def test_the_shelf_stays_where_it_is_in_odom(recording: Recording, time: float) -> None:
-    shelf = shelf_at(recording, time, PRIOR)
-    odom_from_forklift = recording.odometry.pose_at(time).transform()
-    there = odom_from_forklift * LevelPose(shelf.x, shelf.y, 0.0, shelf.facing).transform()
-    given = LevelPose(recording.shelf.x, recording.shelf.y, 0.0, recording.shelf.facing).transform()
-    np.testing.assert_allclose(there.as_matrix(), given.as_matrix(), atol=1e-9)
-    assert shelf.levels == recording.shelf.levels
-
-
-def test_the_heading_may_drift_for_as_long_as_the_odometry_runs(recording: Recording) -> None:
-    drifts = [np.degrees(shelf_at(recording, time, PRIOR).drift) for time in (-1.0, 0.0, 1.0, 2.0)]
-    np.testing.assert_allclose(drifts, [0.5, 0.0, 0.5, 0.8], atol=1e-12)
-    later = replace(recording, odometry=replace(recording.odometry, times=np.array([5.0, 6.0, 7.0])))
-    assert np.degrees(shelf_at(later, 6.0, PRIOR).drift) == pytest.approx(0.5)
-
-
-def test_a_time_without_odometry_is_an_error_that_names_the_file(recording: Recording) -> None:
-    with pytest.raises(ShotError, match=r"odometry\.csv: no pose at 9 s: expected a time between 0 s and 2 s"):
-        shelf_at(recording, 9.0, PRIOR)
+def problems(outcomes: Sequence[ShotOutcome]) -> dict[int, str]:
+    return {outcome.number: outcome.problem for outcome in outcomes if outcome.problem}
 
 
 def test_a_shot_is_explained_with_its_image(blank_recording: Path) -> None:
     job = read_job(blank_recording)
-    image, explanation = job.explain(2)
-    assert image.shape == (32, 64, 3)
-    assert np.unique(image).tolist() == [102]
-    assert (explanation.time, explanation.file) == (1.0, "images/2.png")
+    explanation = job.explain(2)
+    shot = explanation.shot
+    assert shot.image.shape == (32, 64, 3)
+    assert np.unique(shot.image).tolist() == [102]
+    assert (shot.time, shot.file) == (1.0, "images/2.png")
     assert len(explanation.shelf_views) == 1
     assert job.rows(explanation) == []
 
@@ -94,36 +69,39 @@ def test_the_localizer_is_the_one_that_was_asked_for(blank_recording: Path) -> N
     sigmas = "translation_sigma_m: [0.001, 0.002, 0.003], rotation_sigma_deg: [0.1, 0.2, 0.3], translation_m"
     edit(blank_recording / "recording.yaml", "translation_m", sigmas)
     config = LocalizerConfig(prior=PRIOR)
-    localizer = read_job(blank_recording, Method.PAPER, config).localizer
+    job = read_job(blank_recording, Method.PAPER, config)
+    localizer, mounting = job.localizer, job.recording.mounting
     assert (localizer.method, localizer.config, list(localizer.models)) == (Method.PAPER, config, ["t11"])
-    assert localizer.mounting.translation_sigma == (0.001, 0.002, 0.003)
-    np.testing.assert_allclose(np.degrees(localizer.mounting.rotation_sigma), [0.1, 0.2, 0.3])
-    np.testing.assert_allclose(localizer.mounting.center, [0.3, -0.1, 1.8])
+    assert mounting.translation_sigma == (0.001, 0.002, 0.003)
+    np.testing.assert_allclose(np.degrees(mounting.rotation_sigma), [0.1, 0.2, 0.3])
+    np.testing.assert_allclose(mounting.center, [0.3, -0.1, 1.8])
 
 
 def test_given_starts_are_worked_on_in_the_order_of_their_file(blank_recording: Path) -> None:
     path = starts(blank_recording, "1.0,t11,3,2,0.1,1.5", "1.0,t11,4,2,0.9,1.5", "0.5,t11,3,2,0,1.5")
     job = read_job(blank_recording, initial=path)
     assert [shot.file for shot in job.shots] == ["images/2.png", "images/1.png"]
-    image, explanation = job.explain(0)
-    assert np.unique(image).tolist() == [102]
-    assert [candidate.start.x for candidate in explanation.candidates] == [3.0, 4.0]
-    near, far = (candidate.height for candidate in explanation.candidates)
+    explanation = job.explain(0)
+    assert np.unique(explanation.shot.image).tolist() == [102]
+    candidates = [outcome.candidate for outcome in explanation.outcomes]
+    assert [candidate.start.x for candidate in candidates] == [3.0, 4.0]
+    near, far = (candidate.height for candidate in candidates)
     assert near is not None
     assert (near.z, far) == (0.0, None)  # the recording's only level is at the floor
     assert explanation.shelf_views == ()
 
 
 def test_each_given_start_has_its_row(blank_recording: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def finds_the_second(self: Localizer, *_arguments: object) -> Explanation:
+    def finds_the_second(self: Localizer, shot: Shot, *_arguments: object) -> Explanation:
         model = self.models["t11"]
-        candidates = [Candidate(model, LevelPose(3.0, 2.0, 0.0, float(number)), None) for number in range(3)]
-        candidates[1].pose, candidates[1].covariance = candidates[1].start, np.eye(4)
-        return Explanation(0.5, "images/1.png", (), (), tuple(candidates))
+        candidates = [Candidate(model, LevelPose(3.0, 2.0, 0.0, float(number))) for number in range(3)]
+        first, third = (Refusal(candidate, Stage.YAW, Reason.NO_LINE) for candidate in candidates[::2])
+        second = Fit(candidates[1], candidates[1].start, np.eye(4), YawSource.FACE)
+        return Explanation(shot, (), (), (first, second, third))
 
     monkeypatch.setattr(Localizer, "explain_from", finds_the_second)
     job = read_job(blank_recording, initial=starts(blank_recording, *["0.5,t11,3,2,0,1.5"] * 3))
-    first, second, third = job.rows(job.explain(0)[1])
+    first, second, third = job.rows(job.explain(0))
     assert first == third == NoPose(0.5, "t11", "images/1.png")
     assert isinstance(second, PalletMeasurement)
     assert (second.forklift_from_pallet.yaw, second.yaw_from) == (1.0, YawSource.FACE)
@@ -132,7 +110,7 @@ def test_each_given_start_has_its_row(blank_recording: Path, monkeypatch: pytest
 def test_given_starts_need_no_odometry_at_their_shots(blank_recording: Path) -> None:
     edit(blank_recording / "shots.csv", "1.5,images/3.png", "99,images/3.png")
     job = read_job(blank_recording, initial=starts(blank_recording, "99,t11,3,2,0,1.5"))
-    assert len(job.explain(0)[1].candidates) == 1
+    assert len(job.explain(0).outcomes) == 1
 
 
 @pytest.mark.parametrize(

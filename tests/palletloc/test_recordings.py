@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palletloc.geometry import FloatArray, LevelPose, level_pose, wrap_angle
+from palletloc.geometry import FloatArray, LevelPose, level_pose
 from palletloc.io.recording import Recording
 from palletloc.measurement import PalletMeasurement
 from palletloc.recording_run import Job, read_job
@@ -53,13 +53,11 @@ class Hit:
         """x, y, z, yaw against the truth."""
         if self.row is None:
             raise ValueError("a pallet that was not found has no error")
-        wrong = self.row.forklift_from_pallet.as_array() - self.truth.pose.as_array()
-        wrong[3] = wrap_angle(wrong[3])
-        return np.asarray(wrong)
+        return self.row.forklift_from_pallet.minus(self.truth.pose)
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class Comparison:
     """What was found in some shots."""
 
     shots: int
@@ -105,13 +103,13 @@ def true_pallets(recording: Recording, time: float) -> Iterator[TruePallet]:
         yield TruePallet(pose, row["model"], bool(ahead and near), below)
 
 
-def compared(job: Job, numbers: tuple[int, ...]) -> Outcome:
+def compared(job: Job, numbers: tuple[int, ...]) -> Comparison:
     hits: list[Hit] = []
     false = 0
     for number in numbers:
-        _, explanation = job.explain(number)
+        explanation = job.explain(number)
         left = list(explanation.measurements)
-        for truth in true_pallets(job.recording, explanation.time):
+        for truth in true_pallets(job.recording, explanation.shot.time):
 
             def away(row: PalletMeasurement, truth: TruePallet = truth) -> float:
                 return float(np.linalg.norm((row.forklift_from_pallet.as_array() - truth.pose.as_array())[:3]))
@@ -124,11 +122,11 @@ def compared(job: Job, numbers: tuple[int, ...]) -> Outcome:
             if truth.visible:
                 hits.append(Hit(truth, row))
         false += len(left)
-    return Outcome(len(numbers), tuple(hits), false)
+    return Comparison(len(numbers), tuple(hits), false)
 
 
 @cache
-def outcome(name: str, step: int) -> Outcome:
+def outcome(name: str, step: int) -> Comparison:
     job = read_job(DATA / name)
     return compared(job, tuple(range(0, len(job.shots), step)))
 

@@ -184,7 +184,8 @@ def seen_as(shot: Shot, model: PalletModel, other: PalletModel) -> LevelPose:
     """Return where another model would look as wide as one at `POSE`."""
     center = shot.mounting.center
     place = center + other.width / model.width * (POSE.as_array()[:3] - center)
-    return LevelPose(*place.tolist(), POSE.yaw)
+    x, y, z = place.tolist()
+    return LevelPose(x, y, z, POSE.yaw)
 
 
 @pytest.mark.parametrize("names", [("epal", "t11"), ("t11", "epal")], ids="-as-".join)

@@ -9,10 +9,11 @@ from scipy.spatial.transform import RigidTransform
 
 from palletloc.cameras import CameraModel
 from palletloc.errors import PalletLocError
+from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
-from palletloc.projection import Projector
 from palletloc.shelf import ShelfPlane
 from palletloc.shelf_view import DetectionConfig, ShelfPlaneError, ShelfView, view_shelf
+from palletloc.shot import Shot
 
 CONFIG = DetectionConfig()
 SHELF = ShelfPlane(1.5, 2.0, -np.pi / 2 + 0.01, (0.0, 1.5))
@@ -25,15 +26,18 @@ def forklift_from_camera(mounted: Mounted) -> RigidTransform:
     return mounted(0.3, -0.1, 1.8, 3.0, 1.0, -0.5)
 
 
+def gray(camera: CameraModel, forklift_from_camera: RigidTransform) -> Shot:
+    return Shot(np.full((camera.height, camera.width), 100, np.uint8), camera, Mounting(forklift_from_camera))
+
+
 @pytest.fixture
 def looking(whole_view: CameraModel, t11: PalletModel, forklift_from_camera: RigidTransform) -> Looking:
-    projector = Projector(whole_view)
-    image = np.full((whole_view.height, whole_view.width), 100, np.uint8)
+    shot = gray(whole_view, forklift_from_camera)
 
     def view(shelf: ShelfPlane = SHELF, level: float | None = 0.0, config: DetectionConfig = CONFIG) -> ShelfView:
         levels = () if level is None else (level,)
         shelf = replace(shelf, levels=levels)
-        (seen,) = view_shelf(projector, image, shelf, forklift_from_camera, [t11], config)
+        (seen,) = view_shelf(shot, shelf, [t11], config)
         return seen
 
     return view
@@ -98,8 +102,7 @@ def test_a_shelf_on_the_other_side_is_searched_alike(looking: Looking) -> None:
 def test_each_level_has_a_view_of_its_own_on_the_same_plane(
     whole_view: CameraModel, t11: PalletModel, forklift_from_camera: RigidTransform
 ) -> None:
-    image = np.full((whole_view.height, whole_view.width), 100, np.uint8)
-    views = view_shelf(Projector(whole_view), image, SHELF, forklift_from_camera, [t11], CONFIG)
+    views = view_shelf(gray(whole_view, forklift_from_camera), SHELF, [t11], CONFIG)
     assert tuple(seen.level for seen in views) == SHELF.levels
     for seen in views:
         np.testing.assert_array_equal(seen.forklift_from_plane.as_matrix(), views[0].forklift_from_plane.as_matrix())

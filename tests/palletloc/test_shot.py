@@ -1,24 +1,129 @@
+"""Shots: where the camera is against a face, views of its planes through any camera, and their exposure."""
+
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import RigidTransform
 
-from palletloc.geometry import Image, LevelPose, wrap_angle
+from palletloc.cameras import CameraModel, DualFisheye, Equirectangular, FisheyeLens, KannalaBrandt, Pinhole
+from palletloc.geometry import LevelPose
 from palletloc.localizer import Localizer
+from palletloc.measurement import Reason
+from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
+from palletloc.plane import PALLET_FROM_HORIZONTAL, PALLET_FROM_VERTICAL, PlaneGrid
+from palletloc.projection import Projector
 from palletloc.shelf import ShelfPlane
-from palletloc.shot import BRIGHT, MOST_GAIN, Shot, brightened, points_about, shelf_points
+from palletloc.shot import BRIGHT, MIN_DISTANCE, MOST_GAIN, Shot, out_of_sight, points_about, shelf_points
 
 SHELF = ShelfPlane(1.3, 2.02, -np.pi / 2 + 0.01, (0.0,))
+POSE = LevelPose(0.9, 2.0, 0.3, np.pi / 2 + 0.02)
+EXTENT, RESOLUTION = (-0.6, 0.6, -0.1, 0.25), 0.01
+LENS = KannalaBrandt(320, 320, 90.0, 90.0, 159.5, 159.5, 0.01, max_angle=np.radians(97.0))
+CAMERAS: dict[str, CameraModel] = {
+    "equirectangular": Equirectangular(640, 320),
+    "pinhole": Pinhole(320, 240, 210.0, 200.0, 159.5, 119.5, -0.03, 0.004),
+    "fisheye": LENS,
+    "dual_fisheye": DualFisheye(
+        FisheyeLens(replace(LENS, width=640), RigidTransform.from_translation([0.01, 0.0, 0.0])),
+        FisheyeLens(replace(LENS, width=640, cx=479.5), LevelPose(-0.01, 0.0, 0.0, np.pi).transform()),
+    ),
+}
 Placed = tuple[PalletModel, LevelPose]
 
 
-def darkened(image: Image, gain: float, noise: float = 0.0) -> Image:
-    random = np.random.default_rng(1).normal(0.0, noise, image.shape) if noise else 0.0
-    dark: Image = np.clip(np.rint(image * gain + random), 0, 255).astype(np.uint8)
-    return dark
+@pytest.fixture(params=CAMERAS)
+def shot(request: pytest.FixtureRequest, mounted: Callable[..., RigidTransform]) -> Shot:
+    """Return a shot of noise through each kind of camera."""
+    camera = CAMERAS[request.param]
+    image = np.random.default_rng(0).integers(0, 256, (camera.height, camera.width, 3), dtype=np.uint8)
+    return Shot(image, camera, Mounting(mounted(0.3, -0.1, 1.2, 78.0, 15.0, -1.0)), 2.5, "a.png")
+
+
+def test_where_the_camera_is_in_a_faces_coordinates(shot: Shot) -> None:
+    forklift_from_face = POSE.transform() * PALLET_FROM_VERTICAL
+    camera = shot.camera_in(POSE)
+    np.testing.assert_allclose(forklift_from_face.apply(camera), shot.mounting.center, atol=1e-12)
+    expected = (shot.mounting.to_camera * forklift_from_face).as_matrix()
+    np.testing.assert_allclose(shot.camera_from_face(POSE), expected, atol=1e-12)
+    assert shot.camera_in(replace(POSE, yaw=POSE.yaw + np.pi))[2] == pytest.approx(-camera[2])
+
+
+def test_points_are_projected_as_the_camera_does_from_its_mounting(shot: Shot) -> None:
+    points = np.random.default_rng(1).uniform([-1.0, -3.0, 0.0], [3.0, 3.0, 2.0], (2, 30, 3))
+    found, expected = shot.project(points), shot.camera.project(shot.mounting.to_camera.apply(points.reshape(-1, 3)))
+    np.testing.assert_array_equal(found.valid, expected.valid.reshape(2, 30))
+    np.testing.assert_allclose(found.pixels[found.valid], expected.pixels[expected.valid], atol=1e-9)
+
+
+def test_views_are_what_a_projector_shows_of_the_planes_through_a_pose(shot: Shot) -> None:
+    grid = PlaneGrid.spanning(*EXTENT, RESOLUTION)
+    views = (shot.vertical_view, PALLET_FROM_VERTICAL), (shot.horizontal_view, PALLET_FROM_HORIZONTAL)
+    for view, pallet_from_plane in views:
+        camera_from_plane = shot.mounting.to_camera * POSE.transform() * pallet_from_plane
+        found = view(POSE, EXTENT, RESOLUTION)
+        expected = Projector(shot.camera).view(shot.image, camera_from_plane, grid)
+        assert found.grid == grid
+        np.testing.assert_allclose(found.camera_from_plane.as_matrix(), camera_from_plane.as_matrix(), atol=1e-12)
+        np.testing.assert_array_equal(found.valid, expected.valid)
+        assert found.valid.any()
+        # rounding of the plane's place may move a pixel by a gray level
+        assert np.abs(found.image.astype(int) - expected.image).max() <= 2
+
+
+@pytest.mark.parametrize("name", ["equirectangular", "pinhole", "fisheye"])
+def test_a_point_of_the_face_is_in_the_view_where_it_is_on_the_face(
+    name: str, mounted: Callable[..., RigidTransform]
+) -> None:
+    camera = CAMERAS[name]
+    shot = Shot(
+        np.zeros((camera.height, camera.width), np.uint8), camera, Mounting(mounted(0.3, -0.1, 1.2, 78.0, 15.0))
+    )
+    point = np.array([0.2, 0.1])
+    column, row = np.rint(shot.project(POSE.transform().apply([0.0, -point[0], point[1]])).pixels).astype(int)
+    shot.image[row - 1 : row + 2, column - 1 : column + 2] = 255
+    view = shot.vertical_view(POSE, EXTENT, 0.004)
+    rows, columns = np.nonzero(view.image > 128)
+    found = view.grid.points(np.array([columns.mean(), rows.mean()]))
+    np.testing.assert_allclose(found, point, atol=0.015)
+
+
+def test_openings_are_darker_than_blocks_where_the_model_has_them(
+    portrait: Callable[..., Shot], epal: PalletModel
+) -> None:
+    pose = replace(POSE, z=0.0)
+    view = portrait(epal, pose).vertical_view(pose, (-0.66, 0.66, -0.06, 0.21), 0.004)
+    up = epal.openings[0].bottom + epal.openings[0].height / 2
+    places = [(left + right) / 2 for left, right in epal.blocks] + [opening.center for opening in epal.openings]
+    pixels = np.rint(view.grid.pixels(np.array([[place, up] for place in places]))).astype(int)
+    brightness = [view.image[row, column].mean() for column, row in pixels]
+    assert max(brightness[len(epal.blocks) :]) < min(brightness[: len(epal.blocks)])
+
+
+@pytest.mark.parametrize(
+    ("camera", "reason"),
+    [
+        ((0.0, 1.0, 2.0), None),
+        ((0.0, 9.0, 2.0), None),  # above: only the way on the floor counts
+        ((0.0, 1.0, 0.99 * MIN_DISTANCE), Reason.BEHIND_FACE),
+        ((2.0, 1.0, -1.0), Reason.BEHIND_FACE),
+        ((3.0, 1.0, 4.1), Reason.OUT_OF_RANGE),
+        ((0.0, 1.0, -5.1), Reason.OUT_OF_RANGE),
+    ],
+)
+def test_a_face_is_out_of_sight_behind_its_plane_or_far_away(
+    camera: tuple[float, float, float], reason: Reason | None
+) -> None:
+    assert out_of_sight(np.array(camera), 5.0) is reason
+
+
+def darkened(shot: Shot, gain: float, noise: float = 0.0) -> Shot:
+    random = np.random.default_rng(1).normal(0.0, noise, shot.image.shape) if noise else 0.0
+    return replace(shot, image=np.clip(np.rint(shot.image * gain + random), 0, 255).astype(np.uint8))
 
 
 def test_points_of_a_shelf_lie_on_its_front_between_its_heights() -> None:
@@ -39,46 +144,41 @@ def test_points_about_places_lie_on_their_faces() -> None:
 
 def test_a_bright_shot_is_left_alone(floor_shot: Shot) -> None:
     points = shelf_points(SHELF, (0.0, 0.5), 3.0)
-    camera = floor_shot.camera
-    bright = brightened(floor_shot.image, camera, floor_shot.mounting, points)
-    assert brightened(bright, camera, floor_shot.mounting, points) is bright
+    bright = floor_shot.exposed_for(points)
+    assert bright.exposed_for(points) is bright
 
 
 def test_a_dark_shot_is_exposed_for_the_shelf_and_not_for_a_lamp(floor_shot: Shot) -> None:
     points = shelf_points(SHELF, (0.0, 0.5), 3.0)
-    dark = darkened(floor_shot.image, 0.2)
-    dark[: dark.shape[0] // 8] = 255
-    found = brightened(dark, floor_shot.camera, floor_shot.mounting, points)
-    pixels = floor_shot.camera.project(floor_shot.mounting.forklift_from_camera.inv().apply(points)).pixels.astype(
-        int
-    )
-    values = found[pixels[:, 1], pixels[:, 0]].max(axis=-1)
+    dark = replace(darkened(floor_shot, 0.2), time=1.5, file="dark.png")
+    dark.image[: dark.image.shape[0] // 8] = 255
+    before = dark.image.copy()
+    found = dark.exposed_for(points)
+    pixels = found.project(points).pixels.astype(int)
+    values = found.image[pixels[:, 1], pixels[:, 0]].max(axis=-1)
     assert 0.8 * BRIGHT <= np.percentile(values, 98) <= 1.2 * BRIGHT
+    assert (found.camera, found.mounting, found.time, found.file) == (dark.camera, dark.mounting, 1.5, "dark.png")
+    np.testing.assert_array_equal(dark.image, before)
 
 
 def test_gain_has_an_end_and_what_is_not_seen_needs_none(floor_shot: Shot) -> None:
-    camera, mounting = floor_shot.camera, floor_shot.mounting
-    black = np.ones_like(floor_shot.image)
-    assert brightened(black, camera, mounting, shelf_points(SHELF, (0.0, 0.5), 3.0)).max() == MOST_GAIN
-    nowhere = np.full((4, 3), np.nan)
-    assert brightened(black, camera, mounting, nowhere) is black
+    black = replace(floor_shot, image=np.ones_like(floor_shot.image))
+    assert black.exposed_for(shelf_points(SHELF, (0.0, 0.5), 3.0)).image.max() == MOST_GAIN
+    assert black.exposed_for(np.full((4, 3), np.nan)) is black
 
 
 @pytest.mark.parametrize("gain", [0.25, 0.16])
 def test_pallets_are_found_in_the_dark(
-    floor_localizer: Callable[..., Localizer],
-    floor_shot: Shot,
-    floor_pallets: tuple[Placed, ...],
-    gain: float,
+    floor_localizer: Callable[..., Localizer], floor_shot: Shot, floor_pallets: tuple[Placed, ...], gain: float
 ) -> None:
-    found = floor_localizer().localize(darkened(floor_shot.image, gain, noise=0.5), 0.0, SHELF)
+    found = floor_localizer().localize(darkened(floor_shot, gain, noise=0.5), SHELF)
     assert len(found) == len(floor_pallets)
-    for (model, truth), one in zip(
+    for (model, truth), row in zip(
         sorted(floor_pallets, key=lambda placed: placed[1].x),
         sorted(found, key=lambda measured: measured.forklift_from_pallet.x),
         strict=True,
     ):
-        error = one.forklift_from_pallet.as_array() - truth.as_array()
-        assert one.model == model.name
-        assert np.abs(error[:3]).max() < 0.02
-        assert abs(wrap_angle(float(error[3]))) < np.radians(0.6)
+        error = np.abs(row.forklift_from_pallet.minus(truth))
+        assert row.model == model.name
+        assert error[:3].max() < 0.02
+        assert error[3] < np.radians(0.6)

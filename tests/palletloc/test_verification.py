@@ -8,62 +8,31 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.spatial.transform import RigidTransform
 
 from palletloc.contrast import opening_contrasts
-from palletloc.geometry import FloatArray, LevelPose, level_pose
+from palletloc.geometry import FloatArray, LevelPose
 from palletloc.measurement import HeightPrior, Reason
-from palletloc.pallet import Opening, PalletModel
-from palletloc.refinement.face_fit import FaceEstimate, FaceFitConfig, YawPrior, fit_face
+from palletloc.pallet import PalletModel
+from palletloc.refinement.face_fit import FaceEstimate, FaceFitConfig, FacePrior, YawPrior, fit_face
 from palletloc.refinement.hypotheses import score_pose
 from palletloc.refinement.patch import FacePatch, view_patch
 from palletloc.shot import Shot
-from palletloc.verification import Signs, Verification, VerificationConfig, of_use, overlapping, verify
+from palletloc.verification import Evidence, VerificationConfig, of_use, verify
 
 POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
 FLOOR = HeightPrior(0.0, 0.003)
 CONFIG = VerificationConfig()
-WIDE = PalletModel("wide", 1.2, 0.144, 0.8, (Opening(0.0, 0.02, 0.4, 0.1),))
-NARROW = PalletModel("narrow", 0.8, 0.144, 1.2, (Opening(0.0, 0.02, 0.4, 0.1),))
 Portrait = Callable[..., Shot]
 
-metres, angles = st.floats(-20.0, 20.0), st.floats(-3.1, 3.1)
-places = st.builds(LevelPose, metres, metres, st.floats(0.0, 5.0), angles)
 
-
-def fitted(shot: Shot, model: PalletModel) -> FaceEstimate:
-    found = fit_face(
-        shot.camera,
-        shot.image,
-        shot.mounting,
-        POSE,
-        model,
-        FLOOR,
-        YawPrior(0.002, 0.0),
-        0.1,
-        FaceFitConfig(),
-    )
-    assert isinstance(found, FaceEstimate)
-    return found
-
-
-def beside(pose: LevelPose, into: float, left: float, up: float = 0.0, turn: float = 0.0) -> LevelPose:
-    """A pose given in the frame of another."""
-    return level_pose(pose.transform() * LevelPose(into, left, up, turn).transform())
+def fitted(shot: Shot, model: PalletModel) -> FaceEstimate | Reason:
+    return fit_face(shot, POSE, model, FacePrior(FLOOR, YawPrior(0.002, 0.0), 0.1), FaceFitConfig())
 
 
 def surroundings(shot: Shot) -> FacePatch:
     seen = view_patch(shot, POSE, (-0.7, 0.7, -0.1, 0.25), 0.005)
     assert isinstance(seen, FacePatch)
     return seen
-
-
-def verified(shot: Shot, model: PalletModel) -> Verification:
-    """What a shot shows of a pallet at its pose."""
-    estimate, patch = fitted(shot, model), surroundings(shot)
-    contrast = float(opening_contrasts(patch, model, POSE).min())
-    score = score_pose(patch, model, estimate.forklift_from_pallet)
-    return verify(Signs(contrast, estimate.coverage, score, estimate.doubt), CONFIG)
 
 
 def boarded_up(shot: Shot, model: PalletModel) -> Shot:
@@ -83,92 +52,80 @@ def boarded_up(shot: Shot, model: PalletModel) -> Shot:
     return replace(shot, image=image)
 
 
-@pytest.mark.parametrize("name", ["epal", "t11", "open_below"])
-def test_a_pallet_passes_in_its_place(name: str, portrait: Portrait, request: pytest.FixtureRequest) -> None:
-    model: PalletModel = request.getfixturevalue(name)
-    found = verified(portrait(model, POSE), model)
-    assert found.reason is None
-    assert CONFIG.min_rank <= found.rank <= 1.0
+def test_a_pallet_passes_in_its_place(model: PalletModel, portrait: Portrait) -> None:
+    shot = portrait(model, POSE)
+    face, patch = fitted(shot, model), surroundings(shot)
+    assert isinstance(face, FaceEstimate)
+    contrast = float(opening_contrasts(patch, model, POSE).min())
+    score = score_pose(patch, model, face.forklift_from_pallet)
+    found = Evidence(contrast, face.coverage, score, face.doubt)
+    assert verify(found, CONFIG) is None
+    assert CONFIG.min_rank <= found.probability <= 1.0
 
 
-@pytest.mark.parametrize("name", ["epal", "t11", "open_below"])
-def test_a_face_without_openings_is_no_pallet(name: str, portrait: Portrait, request: pytest.FixtureRequest) -> None:
-    model: PalletModel = request.getfixturevalue(name)
+def test_a_face_without_openings_is_no_pallet(model: PalletModel, portrait: Portrait) -> None:
     shot = portrait(model, POSE)
     board = boarded_up(shot, model)
     contrast = float(opening_contrasts(surroundings(board), model, POSE).min())
     assert contrast < 1.5
     score = score_pose(surroundings(board), model, POSE)
     assert score < score_pose(surroundings(shot), model, POSE)
-    camera, prior = shot.camera, YawPrior(0.002, 0.0)
-    seen = fit_face(camera, board.image, shot.mounting, POSE, model, FLOOR, prior, 0.1, FaceFitConfig())
-    if isinstance(seen, FaceEstimate):
-        assert verify(Signs(contrast, seen.coverage, score, seen.doubt), CONFIG).reason is not None
+    face = fitted(board, model)
+    if isinstance(face, FaceEstimate):
+        assert verify(Evidence(contrast, face.coverage, score, face.doubt), CONFIG) is not None
 
 
-signs = st.tuples(st.floats(0.0, 40.0), st.floats(0.0, 1.0), st.floats(-0.5, 1.5), st.floats(0.0, 12.0))
+signs = st.builds(Evidence, st.floats(0.0, 40.0), st.floats(0.0, 1.0), st.floats(-0.5, 1.5), st.floats(0.0, 12.0))
 
 
 @given(signs, st.floats(0.05, 0.95))
-def test_what_is_less_likely_a_pallet_than_is_asked_for_is_refused(
-    sign: tuple[float, float, float, float], least: float
-) -> None:
-    found = verify(Signs(*sign), replace(CONFIG, min_rank=least))
-    assert 0.0 <= found.rank <= 1.0
-    assert (found.reason is None) is (found.rank >= least)
-    assert found.signs == Signs(*sign)
+def test_what_is_less_likely_a_pallet_than_is_asked_for_is_refused(seen: Evidence, least: float) -> None:
+    assert 0.0 <= seen.probability <= 1.0
+    assert (verify(seen, replace(CONFIG, min_rank=least)) is None) is (seen.probability >= least)
 
 
 @given(signs, st.floats(0.01, 1.0))
-def test_more_of_a_good_sign_never_makes_a_pallet_less_likely(
-    sign: tuple[float, float, float, float], more: float
-) -> None:
-    contrast, coverage, score, doubt = sign
-    plain = verify(Signs(*sign), CONFIG).rank
+def test_more_of_a_good_sign_never_makes_a_pallet_less_likely(seen: Evidence, more: float) -> None:
     for better in (
-        (contrast + more, coverage, score, doubt),
-        (contrast, min(coverage + more, 1.0), score, doubt),
-        (contrast, coverage, score + more, doubt),
-        (contrast, coverage, score, max(doubt - more, 0.0)),
+        replace(seen, contrast=seen.contrast + more),
+        replace(seen, coverage=min(seen.coverage + more, 1.0)),
+        replace(seen, score=seen.score + more),
+        replace(seen, doubt=max(seen.doubt - more, 0.0)),
     ):
-        assert verify(Signs(*better), CONFIG).rank >= plain - 1e-12
-
-
-@given(signs, st.floats(0.05, 1.0))
-def test_what_seems_hidden_speaks_against_a_pallet(sign: tuple[float, float, float, float], hidden: float) -> None:
-    shown, covered = verify(Signs(*sign), CONFIG), verify(Signs(*sign, hidden), CONFIG)
-    assert covered.evidence < shown.evidence
-    assert covered.rank <= shown.rank
+        assert better.probability >= seen.probability - 1e-12
 
 
 @given(signs, st.floats(0.05, 1.0), st.floats(0.0, 1.0))
-def test_what_stands_before_a_face_explains_a_part_of_what_is_hidden(
-    sign: tuple[float, float, float, float], hidden: float, share: float
+def test_what_seems_hidden_speaks_against_a_pallet_and_what_stands_before_it_explains_a_part(
+    plain: Evidence, hidden: float, share: float
 ) -> None:
-    plain, covered = verify(Signs(*sign), CONFIG), verify(Signs(*sign, hidden), CONFIG)
-    explained = verify(Signs(*sign, hidden, share * hidden), CONFIG)
-    assert covered.evidence <= explained.evidence <= plain.evidence
-    assert explained.shown == pytest.approx(covered.shown)
-    assert verify(Signs(*sign, hidden, hidden), CONFIG).evidence > covered.evidence
+    covered, explained, wholly = (
+        replace(plain, hidden=hidden, explained=part * hidden) for part in (0.0, share, 1.0)
+    )
+    assert covered.total < plain.total
+    assert covered.probability <= plain.probability
+    assert covered.total <= explained.total <= plain.total
+    assert wholly.total > covered.total
+    assert explained.visible == pytest.approx(covered.visible)
 
 
 def test_every_sign_counts() -> None:
-    plain = verify(Signs(2.0, 0.5, 0.5, 2.0), CONFIG).rank
-    for better in ((3.0, 0.5, 0.5, 2.0), (2.0, 0.7, 0.5, 2.0), (2.0, 0.5, 0.6, 2.0), (2.0, 0.5, 0.5, 1.0)):
-        assert verify(Signs(*better), CONFIG).rank > plain + 0.01
+    plain = Evidence(2.0, 0.5, 0.5, 2.0)
+    for sign in ({"contrast": 3.0}, {"coverage": 0.7}, {"score": 0.6}, {"doubt": 1.0}):
+        assert replace(plain, **sign).probability > plain.probability + 0.01
 
 
 @given(signs, st.floats(0.0, 500.0))
-def test_few_pixels_never_make_a_pallet_more_likely(sign: tuple[float, float, float, float], width: float) -> None:
-    large, small = (verify(Signs(*sign, width_px=one), CONFIG) for one in (np.inf, width))
-    assert small.rank <= large.rank
-    assert (small.rank > 0.5) <= (large.rank > 0.5)
+def test_few_pixels_never_make_a_pallet_more_likely(large: Evidence, width: float) -> None:
+    small = replace(large, width_px=width)
+    assert small.probability <= large.probability
+    assert (small.probability > 0.5) <= (large.probability > 0.5)
 
 
 def test_a_face_of_few_pixels_must_show_more() -> None:
-    seen = Signs(3.0, 0.75, 0.6, 2.0)
-    assert verify(seen, CONFIG).reason is None
-    assert verify(seen._replace(width_px=25.0), CONFIG).reason is not None
+    seen = Evidence(3.0, 0.75, 0.6, 2.0)
+    assert verify(seen, CONFIG) is None
+    assert verify(replace(seen, width_px=25.0), CONFIG) is not None
 
 
 @pytest.mark.parametrize(
@@ -180,7 +137,7 @@ def test_a_face_of_few_pixels_must_show_more() -> None:
     ],
 )
 def test_the_reason_is_what_speaks_most_against_it(sign: tuple[float, float, float, float], reason: Reason) -> None:
-    assert verify(Signs(*sign), CONFIG).reason is reason
+    assert verify(Evidence(*sign), CONFIG) is reason
 
 
 @given(st.floats(0.001, 0.2), st.floats(0.0005, 0.1), st.floats(0.001, 0.5), st.floats(-3.1, 3.1))
@@ -194,42 +151,3 @@ def test_a_pose_is_of_use_if_its_longest_axis_on_the_floor_and_its_yaw_are_sure(
     limits = (CONFIG.max_sigma, np.radians(CONFIG.max_yaw_sigma_deg))
     if min(abs(along / limits[0] - 1), abs(yaw / limits[1] - 1)) > 1e-6:
         assert bool(of_use(covariance, CONFIG)) is bool(along <= limits[0] and yaw <= limits[1])
-
-
-@given(places)
-def test_a_pallet_overlaps_itself_and_none_far_away(pose: LevelPose) -> None:
-    assert overlapping(pose, WIDE, pose, WIDE)
-    assert overlapping(pose, WIDE, pose, NARROW)
-    for place in (
-        beside(pose, 0.0, 1.3),
-        beside(pose, 0.0, -1.3),
-        beside(pose, 1.3, 0.0),
-        beside(pose, 0.0, 0.0, 1.0),
-    ):
-        assert not overlapping(pose, WIDE, place, WIDE)
-
-
-@given(places, st.floats(-1.5, 1.5), st.floats(-1.5, 1.5), st.floats(-0.3, 0.3))
-def test_overlap_is_mutual_and_does_not_depend_on_the_frame(
-    pose: LevelPose, into: float, left: float, up: float
-) -> None:
-    other = beside(pose, into, left, up)
-    found = overlapping(pose, WIDE, other, NARROW)
-    assert overlapping(other, NARROW, pose, WIDE) == found
-    origin = LevelPose(0.0, 0.0, 0.0, 0.0)
-    margins = [abs(left) - 0.92, abs(up) - 0.144, abs(into) - 0.8]
-    if min(abs(margin) for margin in margins) > 1e-6:
-        assert overlapping(origin, WIDE, LevelPose(into, left, up, 0.0), NARROW) == found
-
-
-def test_neighbours_that_touch_and_pallets_on_each_other_do_not_overlap() -> None:
-    assert not overlapping(POSE, WIDE, beside(POSE, 0.0, 1.19), WIDE)
-    assert not overlapping(POSE, WIDE, beside(POSE, 0.0, 0.0, 0.144), WIDE)
-    assert overlapping(POSE, WIDE, beside(POSE, 0.0, 0.5), WIDE)  # shifted by one opening
-    assert overlapping(POSE, WIDE, beside(POSE, 0.1, 0.1, 0.03, 0.05), WIDE)
-
-
-def test_transforms_of_the_helper_are_those_of_scipy() -> None:
-    shifted = beside(POSE, 1.0, 2.0, 0.3)
-    expected = POSE.transform() * RigidTransform.from_translation([1.0, 2.0, 0.3])
-    np.testing.assert_allclose(shifted.matrix(), expected.as_matrix(), atol=1e-12)

@@ -38,12 +38,12 @@ def test_after_a_restart_at_any_time_all_goes_on_to_the_last_bit(
     inputs = site.late(site.stream(4.0), 0.8)
     cut = round(share * len(inputs))
     tracker = PalletTracker()
-    for one in inputs[:cut]:
-        tracker.push(one)
+    for each in inputs[:cut]:
+        tracker.push(each)
     restored = again(tracker)
     assert_same(tracker, restored)
-    for one in inputs[cut:]:
-        assert repr(tracker.push(one)) == repr(restored.push(one))
+    for each in inputs[cut:]:
+        assert repr(tracker.push(each)) == repr(restored.push(each))
     assert_same(tracker, restored)
 
 
@@ -67,7 +67,7 @@ def test_a_rival_and_another_config_are_kept(make_site: SiteMaker) -> None:
     tracker = PalletTracker(config)
     for k in range(40):
         tracker.push([site.odometry(k / 5), site.measured(0, k / 5, (0.3 * (k > 20), 0.0, 0.0, 0.0))])
-    assert tracker._window.base.tracks[0].rival is not None
+    assert tracker._window.base.tracks[0].contradiction is not None
     restored = again(tracker)
     assert restored.config == config
     for k in range(40, 55):

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Polygon
 from scipy.spatial.transform import RigidTransform
 
-from palletloc.candidate import Candidate, Fit, Refusal
+from palletloc.candidate import Candidate, Fit, Refusal, last_step, steps_of
 from palletloc.choices import Method
 from palletloc.config import LocalizerConfig
 from palletloc.drawing.canvas import WIDTH_PX, png
@@ -32,7 +32,7 @@ from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
 from palletloc.paper.horizontal_view import HorizontalView
 from palletloc.paper.joint_search import JointSearchConfig
-from palletloc.paper.yaw import YawVote
+from palletloc.paper.yaw import YawEstimate, YawVote
 from palletloc.plane import PALLET_FROM_VERTICAL, place_plane
 from palletloc.shelf import ShelfPlane
 from palletloc.shot import Shot
@@ -45,24 +45,26 @@ COARSE = LocalizerConfig(joint_search=JointSearchConfig(turns=5, depths=5))
 """Spares the joint search most of its views."""
 
 
-def localizer(shot: Shot, models: list[PalletModel], method: Method = Method.HORIZONTAL_PLANE) -> Localizer:
+def localizer(models: list[PalletModel], method: Method = Method.HORIZONTAL_PLANE) -> Localizer:
     return Localizer(models, method, COARSE)
 
 
 @pytest.fixture(scope="module")
 def explained(floor_shot: Shot, t11: PalletModel) -> Explanation:
     """Return a shot of a known and an unknown pallet: one is found, other places are given up."""
-    return localizer(floor_shot, [t11]).explain(floor_shot, SHELF, "shot.png")
+    return localizer([t11]).explain(replace(floor_shot, time=1.5, file="shot.png"), SHELF)
 
 
 @pytest.fixture(scope="module")
-def pictures(explained: Explanation, floor_shot: Shot) -> list[Picture]:
-    return list(stage_pictures(explained, floor_shot, SHELF))
+def pictures(explained: Explanation) -> list[Picture]:
+    return list(stage_pictures(explained, SHELF))
 
 
 @pytest.fixture(scope="module")
-def found(explained: Explanation) -> Candidate:
-    return dict(name_candidates(explained))["P1"]
+def found(explained: Explanation) -> Fit:
+    pallet = dict(name_candidates(explained))["P1"]
+    assert isinstance(pallet, Fit)
+    return pallet
 
 
 def page_of(figure: Figure) -> tuple[float, float]:
@@ -116,17 +118,17 @@ def test_given_starts_have_no_shelf_view_and_are_all_drawn_where_asked(
     _, (_, pose) = floor_pallets
     nowhere = replace(pose, x=pose.x + 0.55)  # shifted by one opening
     starts = [Start("t11", pose), Start("t11", nowhere)]
-    explained = localizer(floor_shot, [t11]).explain_from(floor_shot, starts, (0.0,))
-    assert [candidate.refusal is None for candidate in explained.candidates] == [True, False]
-    stages = [one.stage for one in stage_pictures(explained, floor_shot, None, with_refused=True)]
+    explained = localizer([t11]).explain_from(floor_shot, starts, (0.0,))
+    assert [type(outcome) for outcome in explained.outcomes] == [Fit, Refusal]
+    stages = [picture.stage for picture in stage_pictures(explained, None, with_refused=True)]
     assert "1-shelf" not in stages
     assert {"4-face-P1", "4-face-C1"} <= set(stages)
 
 
 def test_a_shot_without_a_pallet_has_its_pictures(blank_shot: Shot, t11: PalletModel) -> None:
-    explained = localizer(blank_shot, [t11]).explain(blank_shot, SHELF)
+    explained = localizer([t11]).explain(blank_shot, SHELF)
     assert explained.measurements == []
-    stages = [one.stage for one in stage_pictures(explained, blank_shot, SHELF)]
+    stages = [picture.stage for picture in stage_pictures(explained, SHELF)]
     assert stages == ["1-shelf", "5-overlay", "5-overlay-whole", "6-plan"]
 
 
@@ -134,13 +136,13 @@ def test_a_shot_without_a_pallet_has_its_pictures(blank_shot: Shot, t11: PalletM
 def test_other_methods_have_their_pictures(method: Method, portrait: Callable[..., Shot], t11: PalletModel) -> None:
     pose = LevelPose(0.4, 2.0, 0.0, np.radians(91))
     shot = portrait(t11, pose)
-    explained = localizer(shot, [t11], method).explain_from(shot, [Start("t11", pose)], (0.0,))
-    stages = {one.stage for one in stage_pictures(explained, shot, None)}
+    explained = localizer([t11], method).explain_from(shot, [Start("t11", pose)], (0.0,))
+    stages = {picture.stage for picture in stage_pictures(explained, None)}
     assert {"3-position-P1", "4-face-P1"} <= stages
     assert ("2-yaw-P1" in stages) == (method is Method.PAPER)
 
 
-def test_figures_are_readable(explained: Explanation, found: Candidate, floor_shot: Shot) -> None:
+def test_figures_are_readable(explained: Explanation, found: Fit, floor_shot: Shot) -> None:
     named = name_candidates(explained)
     require_readable(shelf_figure(explained.shelf_views, named))
     require_readable(horizontal_figure("P1", found))
@@ -151,37 +153,39 @@ def test_figures_are_readable(explained: Explanation, found: Candidate, floor_sh
 def test_the_shelf_figure_tells_what_was_found(explained: Explanation) -> None:
     named = name_candidates(explained)
     (title,) = (text.get_text() for text in shelf_figure(explained.shelf_views, named).texts)
-    assert f"{len(explained.candidates)} places tried, {len(explained.measurements)} pallets found" in title
+    assert f"{len(explained.outcomes)} places tried, {len(explained.measurements)} pallets found" in title
 
 
-def test_the_horizontal_figure_has_the_yaw_in_its_title(found: Candidate) -> None:
-    assert found.yaw is not None
+def test_the_horizontal_figure_has_the_yaw_in_its_title(found: Fit) -> None:
+    estimate = last_step(found, YawEstimate)
+    assert estimate is not None
     texts = " ".join(text.get_text() for text in horizontal_figure("P1", found).texts)
-    assert f"yaw {np.degrees(found.yaw.yaw):.2f}" in texts
+    assert f"yaw {np.degrees(estimate.yaw):.2f}" in texts
 
 
 def test_a_candidate_that_was_not_looked_at_cannot_be_drawn(t11: PalletModel) -> None:
-    candidate = Candidate(t11, LevelPose(1.0, 2.0, 0.0, 1.5), None)
-    candidate.refuse(Stage.START, Reason.OUT_OF_RANGE)
+    candidate = Candidate(t11, LevelPose(1.0, 2.0, 0.0, 1.5))
+    refusal = Refusal(candidate, Stage.START, Reason.OUT_OF_RANGE)
     with pytest.raises(ValueError, match="no horizontal view"):
-        horizontal_figure("C1", candidate)
+        horizontal_figure("C1", refusal)
     with pytest.raises(ValueError, match="was not searched"):
-        sweep_figure("C1", candidate)
+        sweep_figure("C1", refusal)
 
 
 def test_a_face_out_of_view_says_so(portrait: Callable[..., Shot], t11: PalletModel) -> None:
     shot = portrait(t11, LevelPose(0.4, 2.0, 0.0, np.radians(91)))
-    behind = Candidate(t11, LevelPose(-3.0, -2.0, 0.0, np.radians(-90)), None)
+    candidate = Candidate(t11, LevelPose(-3.0, -2.0, 0.0, np.radians(-90)))
+    behind = Refusal(candidate, Stage.START, Reason.BEHIND_FACE)
     texts = [text.get_text() for text in face_figure("C1", behind, shot).axes[0].texts]
     assert texts == ["not wholly seen by the camera"]
 
 
 @pytest.mark.parametrize("step", range(2))
-def test_a_voters_line_is_drawn_where_the_camera_sees_the_edge(step: int, found: Candidate, floor_shot: Shot) -> None:
-    seen: HorizontalView = found.horizontal[step]
-    sharp = replace(found.model, edge_radius=0.0)
+def test_a_voters_line_is_drawn_where_the_camera_sees_the_edge(step: int, found: Fit, floor_shot: Shot) -> None:
+    seen = steps_of(found, HorizontalView)[step]
+    sharp = replace(found.candidate.model, edge_radius=0.0)
     pose = _pose_of(seen, floor_shot)
-    camera_from_face = place_plane(floor_shot.camera_from_forklift, pose, PALLET_FROM_VERTICAL)
+    camera_from_face = place_plane(floor_shot.mounting.to_camera, pose, PALLET_FROM_VERTICAL)
     level = [line.whole for line in face_lines(sharp) if line.whole.horizontal]
     assert len(level) == 4
     for edge in level:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from palletloc.choices import TimeRule
 from palletloc.evaluation.breakdown import spreads
 from palletloc.evaluation.pose_error import (
     EvaluationError,
@@ -17,7 +18,6 @@ from palletloc.evaluation.pose_error import (
     true_faces,
 )
 from palletloc.evaluation.run_match import RunMatch, ShotMatch, TrueScene, detection, match_run, match_shot
-from palletloc.evaluation.time_pairing import TimeRule
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.io.measurements import read_measurements, write_measurements
 from palletloc.io.recording import read_recording

@@ -16,8 +16,8 @@ def test_nearest_is_what_a_search_of_all_samples_finds(first: np.ndarray, second
     pairs = nearest_pairs(first, second, limit)
     all_apart = np.abs(second[None] - first[:, None])
     assert pairs.first.tolist() == np.flatnonzero(all_apart.min(axis=1) <= limit).tolist()
-    assert np.abs(pairs.apart).tolist() == all_apart.min(axis=1)[pairs.first].tolist()
-    np.testing.assert_array_equal(second[pairs.second] - first[pairs.first], pairs.apart)
+    assert np.abs(pairs.differences).tolist() == all_apart.min(axis=1)[pairs.first].tolist()
+    np.testing.assert_array_equal(second[pairs.second] - first[pairs.first], pairs.differences)
 
 
 def test_the_limit_is_inclusive() -> None:

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palletloc.candidate import Candidate, Fit, Refusal
-from palletloc.choices import Method
+from palletloc.candidate import Fit, Refusal, last_step
 from palletloc.geometry import LevelPose
 from palletloc.io.explanation import explanation_document
 from palletloc.localizer import Explanation, Localizer, Start
+from palletloc.measurement import Reason, Stage
 from palletloc.pallet import PalletModel
+from palletloc.refinement.search import Search
 from palletloc.shot import Shot
 
 POSE = LevelPose(0.4, 2.0, 0.0, np.radians(91))
@@ -23,30 +24,37 @@ START = replace(POSE, y=2.05)
 @pytest.fixture(scope="module")
 def explained(portrait: Callable[..., Shot], t11: PalletModel) -> Explanation:
     shot = portrait(t11, POSE)
-    localizer = Localizer([t11], Method.REFINED)
-    return localizer.explain_from(shot, [Start("t11", START)], (0.0,))
+    return Localizer([t11]).explain_from(shot, [Start("t11", START)], (0.0,))
 
 
 @pytest.fixture(scope="module")
-def candidate(explained: Explanation) -> Candidate:
-    return explained.candidates[0]
+def fit(explained: Explanation) -> Fit:
+    (found,) = explained.outcomes
+    assert isinstance(found, Fit)
+    return found
 
 
 @pytest.fixture(scope="module")
-def numbers(explained: Explanation, candidate: Candidate) -> dict[str, Any]:
-    document = explanation_document(explained, [("P1", candidate)], "refined")
+def search(fit: Fit) -> Search:
+    found = last_step(fit, Search)
+    assert found is not None
+    return found
+
+
+@pytest.fixture(scope="module")
+def numbers(explained: Explanation, fit: Fit) -> dict[str, Any]:
+    document = explanation_document(explained, [("P1", fit)], "refined")
     read: dict[str, Any] = json.loads(json.dumps(document, allow_nan=False))["candidates"][0]
     return read
 
 
-def test_the_table_of_scores_has_its_axes(numbers: dict[str, Any], candidate: Candidate) -> None:
-    assert candidate.search is not None
-    search = numbers["search"]
-    assert np.shape(search["score"]) == (len(search["yaw_rad"]), len(search["range_m"]))
-    assert np.array(search["score"]) == pytest.approx(candidate.search.found.score, rel=1e-5)
-    assert search["yaw_rad"][0] < START.yaw < search["yaw_rad"][-1]
+def test_the_table_of_scores_has_its_axes(numbers: dict[str, Any], search: Search) -> None:
+    table = numbers["search"]
+    assert np.shape(table["score"]) == (len(table["yaw_rad"]), len(table["range_m"]))
+    assert np.array(table["score"]) == pytest.approx(search.found.score, rel=1e-5)
+    assert table["yaw_rad"][0] < START.yaw < table["yaw_rad"][-1]
     away = float(np.hypot(START.x - 0.3, START.y + 0.08))
-    assert search["range_m"][0] < away < search["range_m"][-1]
+    assert table["range_m"][0] < away < table["range_m"][-1]
 
 
 def test_the_best_peak_is_near_the_pallet(numbers: dict[str, Any]) -> None:
@@ -57,13 +65,13 @@ def test_the_best_peak_is_near_the_pallet(numbers: dict[str, Any]) -> None:
     assert peaks[0]["range_m"] == pytest.approx(np.hypot(POSE.x - 0.3, POSE.y + 0.08), abs=0.03)
 
 
-def test_every_edge_says_what_became_of_it(numbers: dict[str, Any], candidate: Candidate) -> None:
-    assert candidate.face is not None
+def test_every_edge_says_what_became_of_it(numbers: dict[str, Any], fit: Fit) -> None:
+    assert fit.face is not None
     edges = numbers["face"]["edges"]
     assert [edge["number"] for edge in edges] == list(range(1, len(edges) + 1))
     assert {edge["fate"] for edge in edges} <= {"used", "rejected", "not_seen", "hidden"}
     measured = [edge for edge in edges if "offset_m" in edge]
-    assert len(measured) == len(candidate.face.seen.edges)
+    assert len(measured) == len(fit.face.seen.edges)
     assert all(edge["fate"] in ("used", "rejected") and edge["sigma_m"] > 0 for edge in measured)
     assert [edge["load_above"] for edge in edges] == [edge["edge"] == "top" for edge in edges]
 
@@ -77,8 +85,22 @@ def test_the_ellipse_is_the_covariances(numbers: dict[str, Any]) -> None:
     assert ellipse["major_m"] >= ellipse["minor_m"]
 
 
-def test_closer_searches_are_listed(explained: Explanation, candidate: Candidate) -> None:
-    assert candidate.search is not None
-    coarse = replace(candidate, search=replace(candidate.search, finer=(candidate.search,)))
-    (one,) = explanation_document(explained, [("P1", coarse)], "refined")["candidates"]
-    assert [set(closer) >= {"yaw_rad", "range_m", "score", "peaks"} for closer in one["search"]["closer"]] == [True]
+def test_closer_searches_are_listed(explained: Explanation, fit: Fit, search: Search) -> None:
+    coarse = replace(fit, steps=(replace(search, finer=(search,)),))
+    (document,) = explanation_document(explained, [("P1", coarse)], "refined")["candidates"]
+    assert [set(closer) >= {"yaw_rad", "range_m", "score", "peaks"} for closer in document["search"]["closer"]] == [
+        True
+    ]
+
+
+def test_a_refusal_says_where_and_why_and_what_was_measured(explained: Explanation, fit: Fit) -> None:
+    measured = Refusal(fit.candidate, Stage.VERIFICATION, Reason.OVERLAP, fit, fit.steps)
+    unseen = Refusal(fit.candidate, Stage.START, Reason.OUT_OF_RANGE)
+    found, kept, lost = explanation_document(explained, [("P1", fit), ("C1", measured), ("C2", unseen)], "refined")[
+        "candidates"
+    ]
+    assert "refused" not in found
+    assert kept.pop("refused") == {"stage": "verification", "reason": "overlap"}
+    assert kept | {"name": "P1"} == found
+    assert lost["refused"] == {"stage": "start", "reason": "out_of_range"}
+    assert set(lost) == {"name", "model", "detection_score", "start", "refused"}

@@ -14,11 +14,14 @@ from palletloc.errors import PalletLocError
 from palletloc.geometry import Image, LevelPose, wrap_angle
 from palletloc.io.atomic import OutputError
 from palletloc.io.images import ImageError
-from palletloc.io.recording import Recording, Shot, check_shelf, read_recording, write_recording
+from palletloc.io.recording import Recording, ShotError, ShotFile, check_shelf, read_recording, write_recording
 from palletloc.io.truth import TruePallet, Truth, read_truth
 from palletloc.mounting import Mounting
+from palletloc.prior import PriorConfig
 from palletloc.shelf import ShelfPlane
 from palletloc.trajectory import TrajectoryError
+
+PRIOR = PriorConfig(drift_rate_deg_s=0.5, max_drift_deg=0.8)
 
 
 def change(folder: Path, file: str, old: str, new: str) -> None:
@@ -37,7 +40,7 @@ def test_everything_but_the_images_is_read(folder: Path) -> None:
     assert_allclose(recording.forklift_from_camera.translation, [0.3, -0.1, 1.8])
     assert recording.shelf == ShelfPlane(3.0, 2.0, float(np.radians(-90.0)), (0.0, 1.55))
     assert [(model.name, model.width) for model in recording.models] == [("mine", 1.1), ("epal1-1200", 1.2)]
-    assert recording.shots[1] == Shot(0.5, "images/1.png")
+    assert recording.shots[1] == ShotFile(0.5, "images/1.png")
     pose = recording.odometry.pose_at(0.75)
     assert (pose.x, pose.y, pose.yaw) == pytest.approx((0.3, 0.0, 0.075))
     assert recording.odometry.speed == pytest.approx([0.4, 0.4, 0.4])
@@ -229,7 +232,7 @@ def test_images_that_do_not_fit_the_shots_are_refused(folder: Path, tmp_path: Pa
         write_recording(tmp_path / "copy", recording, [recording.image(recording.shots[0])])
     with pytest.raises(ValueError, match="not the camera's size"):
         write_recording(tmp_path / "copy", recording, [np.zeros((4, 8), np.uint8)] * 3)
-    outside = replace(recording, shots=(Shot(0.0, "../0.png"),))
+    outside = replace(recording, shots=(ShotFile(0.0, "../0.png"),))
     with pytest.raises(ValueError, match="inside the recording"):
         write_recording(tmp_path / "copy", outside, [recording.image(recording.shots[0])])
     assert [path.name for path in tmp_path.iterdir()] == [folder.name]
@@ -268,3 +271,38 @@ def test_the_shared_recordings_are_read(shared_data: Path, name: str, shots: int
     assert recording.image(recording.shots[-1]).shape == (1920, 3840, 3)
     for shot in recording.shots:
         recording.odometry.pose_at(shot.time)
+
+
+@pytest.mark.parametrize("time", [0.0, 0.25, 1.0, 1.7, 2.0])
+def test_the_shelf_stays_where_it_is_in_odom(blank_recording: Path, time: float) -> None:
+    recording = read_recording(blank_recording)
+    shelf = recording.shelf_at(time, PRIOR)
+    odom_from_forklift = recording.odometry.pose_at(time).transform()
+    there = odom_from_forklift * LevelPose(shelf.x, shelf.y, 0.0, shelf.facing).transform()
+    given = LevelPose(recording.shelf.x, recording.shelf.y, 0.0, recording.shelf.facing).transform()
+    np.testing.assert_allclose(there.as_matrix(), given.as_matrix(), atol=1e-9)
+    assert shelf.levels == recording.shelf.levels
+
+
+def test_the_heading_may_drift_for_as_long_as_the_odometry_runs(blank_recording: Path) -> None:
+    recording = read_recording(blank_recording)
+    drifts = [np.degrees(recording.shelf_at(time, PRIOR).drift) for time in (-1.0, 0.0, 1.0, 2.0)]
+    np.testing.assert_allclose(drifts, [0.5, 0.0, 0.5, 0.8], atol=1e-12)
+    later = replace(recording, odometry=replace(recording.odometry, times=np.array([5.0, 6.0, 7.0])))
+    assert np.degrees(later.shelf_at(6.0, PRIOR).drift) == pytest.approx(0.5)
+
+
+def test_a_time_without_odometry_is_an_error_that_names_the_file(blank_recording: Path) -> None:
+    recording = read_recording(blank_recording)
+    with pytest.raises(ShotError, match=r"odometry\.csv: no pose at 9 s: expected a time between 0 s and 2 s"):
+        recording.shelf_at(9.0, PRIOR)
+
+
+def test_a_recording_is_its_shots_in_order(blank_recording: Path) -> None:
+    recording = read_recording(blank_recording)
+    shots = list(recording)
+    assert [(shot.time, shot.file) for shot in shots] == [(0.5 * n, f"images/{n}.png") for n in range(4)]
+    assert [int(shot.image[0, 0, 0]) for shot in shots] == [100, 101, 102, 103]
+    for shot in shots:
+        assert shot.camera is recording.camera
+        np.testing.assert_array_equal(shot.mounting.center, recording.mounting.center)

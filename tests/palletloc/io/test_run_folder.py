@@ -13,17 +13,17 @@ from hypothesis import strategies as st
 from palletloc.geometry import LevelPose
 from palletloc.io.atomic import JournalError, OutputError
 from palletloc.io.measurements import NoPose, read_measurements, read_refusals
-from palletloc.io.recording import Shot, read_recording
+from palletloc.io.recording import ShotFile, read_recording
 from palletloc.io.run_folder import JOURNAL, ResumeError, Run, RunFolder
 from palletloc.measurement import PalletMeasurement, Reason, RefusedCandidate, Stage, YawSource
 
-SHOTS = tuple(Shot(0.5 * number, f"images/{number}.jpg") for number in range(5))
+SHOTS = tuple(ShotFile(0.5 * number, f"images/{number}.jpg") for number in range(5))
 RUN = Run(recording="0123", method="paper", configuration="4567", starts="", version="1.0")
 SOURCE = Path("approach")
 NAMES = ["measurements.csv", "refusals.csv", "run.json"]
 
 
-def rows_of(shot: Shot) -> list[PalletMeasurement | NoPose]:
+def rows_of(shot: ShotFile) -> list[PalletMeasurement | NoPose]:
     """Return rows that depend on the shot alone, as a localizer's do."""
     covariance = np.diag([1e-6, 2e-6, 3e-6, 4e-6]) * (1 + shot.time)
     pose = LevelPose(shot.time, 2.0, 0.0, 0.1)
@@ -35,7 +35,7 @@ def work(
     folder: Path,
     *,
     run: Run = RUN,
-    shots: Sequence[Shot] = SHOTS,
+    shots: Sequence[ShotFile] = SHOTS,
     resume: bool = False,
     fail_at: int | None = None,
     kind: type[BaseException] = KeyboardInterrupt,

@@ -6,11 +6,11 @@ import pytest
 
 from palletloc.geometry import LevelPose
 from palletloc.io.csv_table import TableError
-from palletloc.io.recording import Shot
+from palletloc.io.recording import ShotFile
 from palletloc.io.starts import read_starts
 from palletloc.localizer import Start
 
-SHOTS = (Shot(0.0, "0.jpg"), Shot(0.336842, "1.jpg"), Shot(0.673684, "2.jpg"))
+SHOTS = (ShotFile(0.0, "0.jpg"), ShotFile(0.336842, "1.jpg"), ShotFile(0.673684, "2.jpg"))
 HEADER = "time_s,model,x_m,y_m,z_m,yaw_rad\n"
 
 

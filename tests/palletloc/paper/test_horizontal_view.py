@@ -20,21 +20,21 @@ Portrait = Callable[..., Shot]
 def viewed(
     shot: Shot, model: PalletModel, pose: LevelPose = POSE, source: YawSource = YawSource.BOTTOM
 ) -> HorizontalView:
-    return view_horizontal(shot.projector, shot.image, shot.camera_from_forklift, pose, model, source, CONFIG)
+    return view_horizontal(shot, pose, model, source, CONFIG)
 
 
 @pytest.mark.parametrize("distance", [0.8, 2.0, 4.0])
 def test_the_plane_is_below_level_or_above_as_the_pallet_is(distance: float, epal: PalletModel) -> None:
     far = distance / CONFIG.max_lever + epal.height + 0.01
     middle = epal.height / 2
-    chosen = [horizontal_source(epal, height, distance, CONFIG) for height in (far, middle, -far)]
+    chosen = [horizontal_source(epal, np.array([0.4, height, distance]), CONFIG) for height in (far, middle, -far)]
     assert chosen == [YawSource.BOTTOM, YawSource.FACE, YawSource.TOP]
 
 
 def test_the_farther_the_face_the_wider_the_band_without_a_plane(epal: PalletModel) -> None:
     heights = np.linspace(-2.0, 2.0, 401)
     without = [
-        sum(horizontal_source(epal, float(z), distance, CONFIG) is YawSource.FACE for z in heights)
+        sum(horizontal_source(epal, np.array([0.4, z, distance]), CONFIG) is YawSource.FACE for z in heights)
         for distance in (1.5, 2.5, 3.5)
     ]
     assert 0 < without[0] < without[1] < without[2]

@@ -18,7 +18,7 @@ Portrait = Callable[..., Shot]
 
 
 def searched(shot: Shot, model: PalletModel, start: LevelPose = POSE) -> JointSearch | Reason:
-    return search_jointly(shot.projector, shot.image, shot.camera_from_forklift, start, model, CONFIG)
+    return search_jointly(shot, start, model, CONFIG)
 
 
 @pytest.mark.parametrize("turn_deg", [-4.0, 0.0, 4.0])

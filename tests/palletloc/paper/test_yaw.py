@@ -21,7 +21,7 @@ Portrait = Callable[..., Shot]
 
 
 def viewed(shot: Shot, model: PalletModel, start: LevelPose, source: YawSource) -> HorizontalView:
-    return view_horizontal(shot.projector, shot.image, shot.camera_from_forklift, start, model, source, CONFIG)
+    return view_horizontal(shot, start, model, source, CONFIG)
 
 
 def measured(
@@ -33,7 +33,7 @@ def measured(
 
 
 def measured_once(shot: Shot, model: PalletModel, start: LevelPose, source: YawSource) -> YawEstimate:
-    found = measure_yaw(shot.projector, viewed(shot, model, start, source), start, model, CONFIG)
+    found = measure_yaw(shot, viewed(shot, model, start, source), start, model, CONFIG)
     assert isinstance(found, YawEstimate)
     return found
 
@@ -47,13 +47,11 @@ def slid(shot: Shot, pose: LevelPose, factor: float) -> LevelPose:
     return replace(pose, x=x, y=y, z=z)
 
 
-@pytest.mark.parametrize("name", ["epal", "t11", "open_below"])
 @pytest.mark.parametrize("yaw_deg", [-6.0, 1.1, 5.0])
 @pytest.mark.parametrize("x", [0.3, 1.8])
 def test_the_yaw_of_a_pallet_on_the_floor_is_within_three_sigma(
-    name: str, yaw_deg: float, x: float, portrait: Portrait, request: pytest.FixtureRequest
+    model: PalletModel, yaw_deg: float, x: float, portrait: Portrait
 ) -> None:
-    model: PalletModel = request.getfixturevalue(name)
     pose = LevelPose(x, 2.0, 0.0, np.pi / 2 + np.radians(yaw_deg))
     found = measured(portrait(model, pose), model, pose)
     assert abs(found.yaw - pose.yaw) < 3 * found.sigma
@@ -84,7 +82,7 @@ def test_any_start_near_the_truth_gives_the_same_yaw(turn_deg: float, portrait: 
 
 def test_the_estimate_is_the_mean_of_the_votes_that_agree(portrait: Portrait, epal: PalletModel) -> None:
     shot = portrait(epal, POSE)
-    found = measure_yaw(shot.projector, viewed(shot, epal, POSE, YawSource.BOTTOM), POSE, epal, CONFIG)
+    found = measure_yaw(shot, viewed(shot, epal, POSE, YawSource.BOTTOM), POSE, epal, CONFIG)
     assert isinstance(found, YawEstimate)
     used = [vote for vote in found.votes if vote.used]
     assert len(used) >= 2
@@ -104,7 +102,7 @@ def test_an_edge_that_is_partly_hidden_does_not_turn_the_yaw(portrait: Portrait,
     middle = round(grid.top / grid.resolution)
     image[middle + 3 :, left:right] = image[5, 5]  # something of the floor's colour stands before the lower edge
     hidden = replace(seen, view=replace(seen.view, image=image))
-    found = measure_yaw(shot.projector, hidden, POSE, t11, CONFIG)
+    found = measure_yaw(shot, hidden, POSE, t11, CONFIG)
     assert isinstance(found, YawEstimate)
     assert abs(found.yaw - POSE.yaw) < max(3 * found.sigma, np.radians(0.3))
 
@@ -113,10 +111,10 @@ def test_there_is_no_yaw_in_a_plain_image(portrait: Portrait, t11: PalletModel) 
     shot = portrait(t11, POSE)
     plain = replace(shot, image=np.full_like(shot.image, 90))
     seen = viewed(plain, t11, POSE, YawSource.BOTTOM)
-    assert measure_yaw(plain.projector, seen, POSE, t11, CONFIG) is Reason.NO_LINE
+    assert measure_yaw(plain, seen, POSE, t11, CONFIG) is Reason.NO_LINE
     assert find_lines(seen, CONFIG) == []
     line = BoundaryLine(0.01, 0.0, 200)
-    assert measure_line(plain.projector, seen, line, t11, CONFIG) is None
+    assert measure_line(plain, seen, line, t11, CONFIG) is None
 
 
 @pytest.mark.parametrize("turn_deg", [-6.0, -2.0, 2.0, 6.0])
@@ -136,7 +134,7 @@ def test_a_line_is_measured_finer_than_it_was_found(turn_deg: float, portrait: P
     seen = viewed(shot, t11, turned(POSE, turn_deg), YawSource.BOTTOM)
     truth = -np.radians(turn_deg)
     line = min(find_lines(seen, CONFIG), key=lambda one: (round(abs(one.up), 2), -one.votes))
-    fit = measure_line(shot.projector, seen, line, t11, CONFIG)
+    fit = measure_line(shot, seen, line, t11, CONFIG)
     assert fit is not None
     assert abs(np.arctan(fit.slope) - truth) < np.radians(0.3)
 

@@ -2,15 +2,37 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import RigidTransform
 
 from palletloc.cameras import CameraModel
+from palletloc.edge_fit import EdgeFit
+from palletloc.face import edge_shift, face_lines
 from palletloc.geometry import FloatArray, Image, LevelPose
+from palletloc.measurement import HeightPrior
+from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
 from palletloc.pallet_library import load_library
-from palletloc.refinement.depth_edges import DepthEdge, DepthPeaks, find_depth_peaks, visible_depth_edges
+from palletloc.refinement import depth_edges
+from palletloc.refinement.depth_edges import (
+    CREASE_SEEN,
+    MOST_DOUBT,
+    DepthEdge,
+    DepthPeaks,
+    Vote,
+    add_depth_edges,
+    count_votes,
+    visible_depth_edges,
+)
+from palletloc.refinement.edges import MeasuredEdge, SeenFace
+from palletloc.refinement.face_fit import FaceEstimate, FaceFitConfig, FacePrior, fit_face
+from palletloc.refinement.normal_equations import FaceEquations
+from palletloc.shot import Shot
 from palletloc.synthetic.materials import WOODS
 from palletloc.synthetic.pallet_solid import PalletBody
 
@@ -19,9 +41,6 @@ FACES = ["epal1-1200", "epal1-800"]
 CAMERAS = [
     (aside, up, before) for aside in (-1.8, -0.7, 0.1, 1.2) for up in (-0.02, 0.07, 0.2) for before in (1.4, 2.3)
 ]
-FORWARD = np.array([[0.0, 0.0, -1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
-"""A camera's axes, seen from those of a plane before it."""
-Striped = Callable[[PalletModel, float], tuple[tuple[DepthEdge, ...], DepthPeaks]]
 
 
 def every_edge(name: str) -> list[tuple[FloatArray, DepthEdge]]:
@@ -89,29 +108,60 @@ def test_the_backs_of_blocks_are_contours() -> None:
         assert edge.contour or edge.level % 2 == 1
 
 
+# Peaks around the places of edges.
+
+STRAIGHT = Mounting(RigidTransform.identity())
+BEFORE = LevelPose(1.6, 0.2, -0.07, 0.0)
+"""Before a camera at the origin that looks straight ahead, aimed at a bit to the left."""
+PIXEL = 1.6 / 560.0
+Striped = Callable[[PalletModel, float], tuple[tuple[DepthEdge, ...], DepthPeaks]]
+
+
+def seen_face(shot: Shot, model: PalletModel) -> SeenFace:
+    """A face whose edges all lie where they should, each known to a hundredth of a millimetre."""
+    camera, fit = shot.camera_in(BEFORE), EdgeFit(0.0, 0.0, 1e-5, 1e-5, 1.0, 10.0)
+    lines = tuple(line.whole for line in face_lines(model))
+    edges = tuple(MeasuredEdge(line, fit, 1e-5, edge_shift(line, camera, model), PIXEL, 1.0) for line in lines)
+    return SeenFace(camera, shot.camera_from_face(BEFORE), lines, edges, len(lines))
+
+
+def added(shot: Shot, model: PalletModel, seen: SeenFace, doubt: float = 0.0) -> float:
+    system = FaceEquations(seen, BEFORE, shot.mounting, model)
+    system.add_turn(0.0, 1e-4)
+    return add_depth_edges(shot, model, system, system.solve(), doubt)
+
+
 @pytest.fixture
-def striped(paint_plane: Callable[..., Image], narrow_view: CameraModel) -> Striped:
+def noted(monkeypatch: pytest.MonkeyPatch) -> list[DepthPeaks]:
+    """Return a list that gets the peaks whenever they vote."""
+    found: list[DepthPeaks] = []
+
+    def note(peaks: DepthPeaks, *rest: Any) -> Vote:
+        found.append(peaks)
+        return count_votes(peaks, *rest)
+
+    monkeypatch.setattr(depth_edges, "count_votes", note)
+    return found
+
+
+@pytest.fixture
+def striped(paint_plane: Callable[..., Image], narrow_view: CameraModel, noted: list[DepthPeaks]) -> Striped:
     """Return a function that looks for edges whose images are painted so far to the right of their places."""
 
-    def shot(model: PalletModel, aside: float) -> tuple[tuple[DepthEdge, ...], DepthPeaks]:
-        camera_from_face = FORWARD.copy()
-        camera_from_face[:3, 3] = [1.6, 0.2, -0.07]  # aimed a bit to the left
-        plane_from_camera = -camera_from_face[:3, :3].T @ camera_from_face[:3, 3]
-        edges = visible_depth_edges(model, plane_from_camera)
-        chosen = sorted(edges, key=lambda edge: edge.image.middle[0])
-        places = [edge.image.middle[0] + aside for edge in chosen]
+    def looked(model: PalletModel, aside: float) -> tuple[tuple[DepthEdge, ...], DepthPeaks]:
+        blank = Shot(np.zeros((narrow_view.height, narrow_view.width), np.uint8), narrow_view, STRAIGHT)
+        edges = visible_depth_edges(model, blank.camera_in(BEFORE))
+        places = sorted(edge.image.middle[0] + aside for edge in edges)
 
         def paint(points: FloatArray) -> FloatArray:
             return np.asarray(90.0 + 60.0 * (np.searchsorted(places, points[..., 0]) % 2), dtype=np.float64)
 
-        image = paint_plane(narrow_view, camera_from_face, (-0.6, 0.6, -0.07, 0.2), paint)
-        pixel = 1.6 / 560.0, 1.6 / 560.0
-        reach = np.full(len(edges), 0.012)
-        peaks = find_depth_peaks(narrow_view, image, camera_from_face, plane_from_camera, model, edges, reach, pixel)
-        assert peaks is not None
+        image = paint_plane(narrow_view, blank.camera_from_face(BEFORE), (-0.6, 0.6, -0.07, 0.2), paint)
+        added(replace(blank, image=image), model, seen_face(blank, model))
+        (peaks,) = noted
         return edges, peaks
 
-    return shot
+    return looked
 
 
 @pytest.mark.parametrize("aside", [0.0, 0.005, -0.006])
@@ -138,13 +188,142 @@ def test_edges_too_close_to_another_are_left_out(striped: Striped) -> None:
     assert 0 < len(peaks.edges) < len(edges)
 
 
-def test_a_face_that_the_camera_does_not_see_shows_nothing_behind(narrow_view: CameraModel) -> None:
-    model, plane_from_camera = LIBRARY["epal1-1200"], np.array([0.5, 0.07, 1.6])
-    edges = visible_depth_edges(model, plane_from_camera)
-    behind = FORWARD.copy()
+def test_nothing_is_added_where_the_camera_does_not_see_the_face_or_its_pose_is_too_doubtful(
+    narrow_view: CameraModel, noted: list[DepthPeaks]
+) -> None:
+    model = LIBRARY["epal1-1200"]
+    shot = Shot(np.full((narrow_view.height, narrow_view.width), 90, np.uint8), narrow_view, STRAIGHT)
+    seen = seen_face(shot, model)
+    behind = seen.camera_from_face.copy()
     behind[:3, 3] = [-1.6, 0.0, 0.0]
-    image = np.full((narrow_view.height, narrow_view.width), 90, np.uint8)
-    reach = np.full(len(edges), 0.012)
-    assert (
-        find_depth_peaks(narrow_view, image, behind, plane_from_camera, model, edges, reach, (0.003, 0.003)) is None
+    assert added(shot, model, replace(seen, camera_from_face=behind)) == 0.0
+    assert added(shot, model, seen, MOST_DOUBT + 0.1) == 0.0
+    assert added(shot, LIBRARY["t11"], seen_face(shot, LIBRARY["t11"])) == 0.0
+    assert noted == []
+
+
+# Their votes.
+
+EPAL = LIBRARY["epal1-1200"]
+EDGES = visible_depth_edges(EPAL, np.array([-0.9, 0.07, 1.8]))
+CONTOURS = tuple(edge for edge in EDGES if edge.contour)
+RIDGE = np.array([0.002, 0.003, 0.006, -0.004, 0.005])
+SIGMA = np.full(5, 0.002)
+START = np.array([0.001, -0.002, 0.0, 0.003, 0.0])
+LEVEL = LevelPose(1.1, 1.9, 1.78, np.pi / 2 + 0.02)
+Portrait = Callable[..., Shot]
+
+
+def peaks_at(*places: FloatArray) -> DepthPeaks:
+    """Peaks of equal strength around five contours: each array has one for every edge."""
+    own = tuple(np.array(each) for each in zip(*places, strict=True)) if places else (np.zeros(0),) * 5
+    shares = tuple(np.full(len(each), 1 / max(len(each), 1)) for each in own)
+    edges = (CONTOURS * 5)[:5]
+    return DepthPeaks(edges, own, shares, np.full(5, 0.03))
+
+
+@given(st.floats(-2.5, 2.5))
+def test_peaks_that_agree_tell_the_place_on_the_ridge(place: float) -> None:
+    vote = count_votes(peaks_at(START + place * RIDGE), START, RIDGE, SIGMA, 1.0)
+    assert vote.place == pytest.approx(place, abs=0.05)
+    assert vote.sigma == pytest.approx(float(np.sqrt(1 / (RIDGE**2 / SIGMA**2).sum())), rel=0.1)
+    assert vote.evidence > 2
+
+
+@given(st.floats(-2.0, 2.0), st.integers(0, 4), st.floats(-0.02, 0.02))
+def test_one_peak_that_contradicts_hardly_matters(place: float, which: int, off: float) -> None:
+    places = START + place * RIDGE
+    places[which] += off
+    vote = count_votes(peaks_at(places), START, RIDGE, SIGMA, 1.0)
+    assert abs(vote.place - place) < 4 * vote.sigma
+    assert vote.evidence > 0
+
+
+def test_other_peaks_beside_the_right_ones_are_left_out() -> None:
+    others = np.random.default_rng(3).uniform(-0.025, 0.025, (3, 5))
+    vote = count_votes(peaks_at(START + RIDGE, *others), START, RIDGE, SIGMA, 1.0)
+    assert abs(vote.place - 1.0) < 3 * vote.sigma
+    assert vote.sigma < 0.6
+
+
+def test_peaks_that_are_nowhere_near_speak_against_the_pose_and_say_nothing() -> None:
+    vote = count_votes(peaks_at(np.full(5, 0.029)), START, RIDGE, SIGMA / 4, 1.0)
+    assert vote.evidence < -2
+    assert vote.sigma > 3
+
+
+def test_without_any_peak_nothing_is_known() -> None:
+    vote = count_votes(peaks_at(), START, RIDGE, SIGMA, 1.0)
+    assert vote.evidence == pytest.approx(0.0)
+    assert vote.sigma > 30
+
+
+def test_two_places_that_are_equally_good_leave_it_open() -> None:
+    both = count_votes(peaks_at(START - 2 * RIDGE, START + 2 * RIDGE), START, RIDGE, SIGMA, 1.0)
+    assert abs(both.place) < both.sigma
+    assert both.sigma > 2
+
+
+def test_a_wide_ridge_is_searched_farther() -> None:
+    found = peaks_at(START + 7 * RIDGE)
+    narrow, wide = (count_votes(found, START, RIDGE, SIGMA, width) for width in (1.0, 4.0))
+    assert wide.place == pytest.approx(7.0, abs=0.2)
+    assert wide.evidence > narrow.evidence
+
+
+def test_a_crease_counts_less_than_a_contour() -> None:
+    contours = peaks_at(START + RIDGE)
+    creases = replace(contours, edges=tuple(replace(edge, contour=False) for edge in contours.edges))
+    strong, weak = (count_votes(peaks, START, RIDGE, SIGMA, 1.0) for peaks in (contours, creases))
+    assert 0 < CREASE_SEEN < 1
+    assert strong.evidence > weak.evidence > 0
+
+
+# In pictures of pallets at the camera's height.
+
+
+def fitted(shot: Shot, model: PalletModel, pose: LevelPose = LEVEL) -> FaceEstimate:
+    start = replace(pose, x=pose.x + 0.004, yaw=pose.yaw + np.radians(0.5))
+    prior = FacePrior(HeightPrior(pose.z, 0.003), None, float(np.radians(5.0)))
+    found = fit_face(shot, start, model, prior, FaceFitConfig())
+    assert isinstance(found, FaceEstimate)
+    return found
+
+
+def yaw_error(found: FaceEstimate, pose: LevelPose = LEVEL) -> float:
+    return float(found.forklift_from_pallet.yaw - pose.yaw)
+
+
+def yaw_sigma(found: FaceEstimate) -> float:
+    return float(np.sqrt(found.covariance[3, 3]))
+
+
+@pytest.mark.parametrize("name", ["epal1-1200", "epal1-800"])
+def test_edges_behind_the_face_make_the_yaw_more_certain(name: str, portrait: Portrait) -> None:
+    model, gains = LIBRARY[name], []
+    for aside in (0.5, 1.1, 1.7):
+        pose = replace(LEVEL, x=aside)
+        shot = portrait(model, pose)
+        alone, together = fitted(shot, replace(model, block_rows=()), pose), fitted(shot, model, pose)
+        assert alone.behind == 0.0
+        assert abs(yaw_error(together, pose)) < 3 * yaw_sigma(together)
+        gains.append(yaw_sigma(together) / yaw_sigma(alone))
+    assert max(gains) < 1.05
+    assert np.mean(gains) < 0.8
+
+
+def test_blocks_that_are_not_where_the_model_has_them_do_no_harm(portrait: Portrait) -> None:
+    shot = portrait(EPAL, LEVEL)
+    wrong = replace(EPAL, block_rows=((0.0, 0.06), (0.19, 0.27), (0.55, 0.61)))
+    alone, misled = (fitted(shot, model) for model in (replace(EPAL, block_rows=()), wrong))
+    assert misled.doubt <= alone.doubt + 0.3
+    assert abs(yaw_error(misled)) < 3.5 * yaw_sigma(misled)
+
+
+def test_far_above_a_pallet_nothing_changes(portrait: Portrait) -> None:
+    pose = replace(LEVEL, z=0.0)
+    shot = portrait(EPAL, pose)
+    first, second = (
+        fitted(shot, model, pose).forklift_from_pallet.as_array() for model in (EPAL, replace(EPAL, block_rows=()))
     )
+    np.testing.assert_allclose(first, second, atol=1e-12)

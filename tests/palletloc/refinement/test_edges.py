@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from palletloc.cameras import Equirectangular, Pinhole
+from palletloc.cameras import CameraModel, Equirectangular, Pinhole
 from palletloc.face import EdgeKind, face_lines
-from palletloc.geometry import FloatArray, Image, LevelPose
+from palletloc.geometry import Image, LevelPose
+from palletloc.measurement import Reason
 from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
-from palletloc.plane import PALLET_FROM_VERTICAL
 from palletloc.refinement.edges import BORDERING, EdgeReach, MeasuredEdge, SeenFace, measure_face
 from palletloc.shot import Shot
 
@@ -21,20 +21,18 @@ REACH = EdgeReach(0.012, 0.012, 1.5)
 Portrait = Callable[..., Shot]
 
 
-def placed(mounting: Mounting, pose: LevelPose) -> tuple[FloatArray, FloatArray]:
-    """The face's plane in the camera, and the camera's centre in the face's coordinates."""
-    camera_from_face = (mounting.forklift_from_camera.inv() * pose.transform() * PALLET_FROM_VERTICAL).as_matrix()
-    return camera_from_face, -camera_from_face[:3, :3].T @ camera_from_face[:3, 3]
-
-
-def seen_at(shot: Shot, pose: LevelPose, model: PalletModel, reach: EdgeReach = REACH) -> SeenFace | None:
-    return measure_face(shot.camera, shot.image, *placed(shot.mounting, pose), model, reach)
+def seen_at(shot: Shot, pose: LevelPose, model: PalletModel, reach: EdgeReach = REACH) -> SeenFace:
+    found = measure_face(shot, pose, model, reach)
+    assert isinstance(found, SeenFace)
+    return found
 
 
 def edges_at(shot: Shot, pose: LevelPose, model: PalletModel) -> tuple[MeasuredEdge, ...]:
-    seen = seen_at(shot, pose, model)
-    assert seen is not None
-    return seen.edges
+    return seen_at(shot, pose, model).edges
+
+
+def blank(camera: CameraModel, mounting: Mounting) -> Shot:
+    return Shot(np.zeros((camera.height, camera.width), np.uint8), camera, mounting)
 
 
 def moved(pose: LevelPose, right: float, up: float) -> LevelPose:
@@ -45,15 +43,12 @@ def moved(pose: LevelPose, right: float, up: float) -> LevelPose:
 def test_a_face_knows_where_the_camera_is(portrait: Portrait, t11: PalletModel) -> None:
     shot = portrait(t11, POSE)
     seen = seen_at(shot, POSE, t11)
-    assert seen is not None
-    forklift_from_face = POSE.transform() * PALLET_FROM_VERTICAL
-    np.testing.assert_allclose(forklift_from_face.apply(seen.plane_from_camera), shot.mounting.center, atol=1e-9)
+    np.testing.assert_array_equal(seen.plane_from_camera, shot.camera_in(POSE))
+    np.testing.assert_array_equal(seen.camera_from_face, shot.camera_from_face(POSE))
     assert seen.plane_from_camera[2] > 0
 
 
-@pytest.mark.parametrize("name", ["epal", "t11", "open_below"])
-def test_edges_are_where_the_true_pose_says(name: str, portrait: Portrait, request: pytest.FixtureRequest) -> None:
-    model: PalletModel = request.getfixturevalue(name)
+def test_edges_are_where_the_true_pose_says(model: PalletModel, portrait: Portrait) -> None:
     edges = edges_at(portrait(model, POSE), POSE, model)
     certain = [one for one in edges if one.edge.kind is not EdgeKind.TOP]  # a load stands on the upper edge
     offsets = np.array([one.fit.offset for one in certain])
@@ -90,9 +85,8 @@ def test_a_pixel_is_larger_where_the_face_is_seen_aslant(portrait: Portrait, t11
 def test_a_face_is_as_wide_as_its_ends_are_apart_in_the_image(portrait: Portrait, t11: PalletModel) -> None:
     shot = portrait(t11, POSE)
     seen = seen_at(shot, POSE, t11)
-    assert seen is not None
     ends = POSE.transform().apply([[0.0, side * t11.width / 2, t11.height / 2] for side in (-1, 1)])
-    pixels = shot.camera.project(shot.mounting.to_camera.apply(ends)).pixels
+    pixels = shot.project(ends).pixels
     assert seen.width_px(t11.width) == pytest.approx(float(np.linalg.norm(pixels[1] - pixels[0])), rel=0.03)
     assert replace(seen, edges=()).width_px(t11.width) == 0.0
 
@@ -102,7 +96,6 @@ def test_the_upper_edge_may_be_loaded_from_above_and_not_from_below(t11: PalletM
     below = portrait(t11, high)
     for shot, pose, loaded in ((above, POSE, True), (below, high, False)):
         seen = seen_at(shot, pose, t11)
-        assert seen is not None
         kinds = {line.kind: seen.loaded(line.whole) for line in face_lines(t11)}
         assert kinds.pop(EdgeKind.TOP) is loaded
         assert not any(kinds.values())
@@ -111,15 +104,13 @@ def test_the_upper_edge_may_be_loaded_from_above_and_not_from_below(t11: PalletM
 def test_from_below_the_lower_edge_is_not_measured(portrait: Portrait, t11: PalletModel) -> None:
     high = replace(POSE, z=2.6)
     seen = seen_at(portrait(t11, high), high, t11)
-    assert seen is not None
     assert EdgeKind.BOTTOM not in {one.edge.kind for one in seen.edges}
     lines = [line.whole for line in face_lines(t11) if line.kind != EdgeKind.BOTTOM]
-    assert seen.expected == pytest.approx(sum(seen.says(line) for line in lines))
+    assert seen.expected == pytest.approx(sum(seen.evidence_weight(line) for line in lines))
 
 
 def test_it_expects_every_line_but_a_loaded_one(portrait: Portrait, t11: PalletModel) -> None:
     seen = seen_at(portrait(t11, POSE), POSE, t11)
-    assert seen is not None
     assert seen.expected == pytest.approx(len(face_lines(t11)) - 1 - (1 - BORDERING))
 
 
@@ -128,33 +119,35 @@ def test_a_pallets_own_side_begins_at_the_edge_towards_who_stands_aside(
     portrait: Portrait, t11: PalletModel, aside: float, bordering: str | None
 ) -> None:
     seen = seen_at(portrait(t11, POSE), POSE, t11)
-    assert seen is not None
     beside = replace(seen, plane_from_camera=np.array([aside, 1.0, 2.0]))
     left, right = (line.whole for line in face_lines(t11) if line.kind is EdgeKind.SIDE)
     assert [beside.borders_on_side(edge) for edge in (left, right)] == [bordering == "left", bordering == "right"]
-    assert {beside.says(left), beside.says(right)} == ({1.0} if bordering is None else {1.0, BORDERING})
+    weights = {beside.evidence_weight(left), beside.evidence_weight(right)}
+    assert weights == ({1.0} if bordering is None else {1.0, BORDERING})
 
 
 @pytest.mark.parametrize("x", [-0.8, 2.6, 40.0])
 def test_a_face_cut_by_the_border_is_not_measured(x: float, portrait: Portrait, t11: PalletModel) -> None:
-    assert seen_at(portrait(t11, POSE), replace(POSE, x=x), t11) is None
+    assert measure_face(portrait(t11, POSE), replace(POSE, x=x), t11, REACH) is Reason.OUT_OF_VIEW
+
+
+@pytest.mark.parametrize("behind", [replace(POSE, yaw=POSE.yaw + np.pi), LevelPose(0.3, 0.0, 0.0, POSE.yaw)])
+def test_from_behind_there_is_no_face(behind: LevelPose, portrait: Portrait, t11: PalletModel) -> None:
+    assert measure_face(portrait(t11, POSE), behind, t11, REACH) is Reason.BEHIND_FACE
 
 
 @pytest.mark.parametrize("grown", [0.0023, -0.0037])
-@pytest.mark.parametrize("name", ["epal", "t11", "open_below"])
 def test_drawn_edges_are_measured_to_a_tenth_of_a_pixel(
-    name: str, grown: float, shoot_face: Callable[..., Image], request: pytest.FixtureRequest
+    model: PalletModel, grown: float, shoot_face: Callable[..., Image]
 ) -> None:
-    model: PalletModel = request.getfixturevalue(name)
     sharp = replace(model, edge_radius=0.0)
     camera = Pinhole(900, 320, 900.0, 900.0, 449.5, 159.5)
     turned = Rotation.from_euler("ZYX", [1.25, 0.42, 0.03])
     mounting = Mounting(RigidTransform.from_components([0.3, 0.1, 1.1], turned))
     pose = LevelPose(0.9, 2.1, 0.0, np.pi / 2 - 0.15)
-    camera_from_face, center = placed(mounting, pose)
-    image = shoot_face(camera, camera_from_face, sharp, grown)
-    seen = measure_face(camera, image, camera_from_face, center, sharp, EdgeReach(0.011, 0.011, 1.5))
-    assert seen is not None
+    shot = blank(camera, mounting)
+    shot = replace(shot, image=shoot_face(camera, shot.camera_from_face(pose), sharp, grown))
+    seen = seen_at(shot, pose, sharp, EdgeReach(0.011, 0.011, 1.5))
     assert len(seen.edges) == len(face_lines(model))
     for one in seen.edges:
         assert one.fit.coverage > 0.9
@@ -170,23 +163,21 @@ def test_a_face_across_the_seam_of_a_closed_image_is_measured_like_any_other(
     tilted = Rotation.from_euler("ZYX", [0.0, 0.02, 0.01])
     mounting = Mounting(RigidTransform.from_components([0.0, 0.0, 0.9], tilted))
     pose = LevelPose(1.5, 0.1, 0.0, 0.1)
-    camera_from_face, center = placed(mounting, pose)
-    image = shoot_face(camera, camera_from_face, sharp)
+    shot = blank(camera, mounting)
+    image = shoot_face(camera, shot.camera_from_face(pose), sharp)
     shift = camera.width // 2 + columns  # the face lies in the middle of the image
     turn = LevelPose(0.0, 0.0, 0.0, 2 * np.pi * shift / camera.width).transform()
     turned = Mounting(mounting.forklift_from_camera * turn)
     straight, across = (
-        measure_face(camera, picture, *placed(where, pose), sharp, REACH)
+        seen_at(Shot(picture, camera, where), pose, sharp)
         for picture, where in ((image, mounting), (np.roll(image, shift, axis=1), turned))
     )
-    assert straight is not None
-    assert across is not None
     assert len(straight.edges) == len(across.edges) == len(face_lines(t11))
     for one, other in zip(straight.edges, across.edges, strict=True):
         assert other.edge == one.edge
         assert other.fit.offset == pytest.approx(one.fit.offset, abs=0.01 * one.pixel)
         assert other.pixel == pytest.approx(one.pixel, rel=1e-6)
-    np.testing.assert_allclose(across.plane_from_camera, center, atol=1e-9)
+    np.testing.assert_allclose(across.plane_from_camera, shot.camera_in(pose), atol=1e-9)
 
 
 def test_colour_and_gray_agree(portrait: Portrait, epal: PalletModel) -> None:
@@ -202,3 +193,26 @@ def test_a_plain_image_has_no_edges(portrait: Portrait, t11: PalletModel) -> Non
     shot = portrait(t11, POSE)
     plain = replace(shot, image=np.full_like(shot.image, 100))
     assert edges_at(plain, POSE, t11) == ()
+
+
+def test_every_edge_carries_what_the_face_says_of_it(portrait: Portrait, epal: PalletModel) -> None:
+    seen = seen_at(portrait(epal, POSE), POSE, epal)
+    assert set(seen.lines) == {line.whole for line in face_lines(epal)}
+    for measured in seen.edges:
+        assert measured.evidence_weight == seen.evidence_weight(measured.edge)
+
+
+def test_lines_that_something_stands_before_are_hidden_and_not_measured(
+    portrait: Portrait, epal: PalletModel
+) -> None:
+    shot, before = portrait(epal, POSE), (0.35, 0.61)
+    free, seen = (measure_face(shot, POSE, epal, REACH, spans) for spans in ((), (before,)))
+    assert isinstance(free, SeenFace)
+    assert isinstance(seen, SeenFace)
+    assert free.hidden_lines == ()
+    assert seen.hidden == (before,)
+    assert seen.hidden_part == pytest.approx((before[1] - before[0]) / epal.width)
+    (side,) = (line for line in seen.hidden_lines if line.kind is EdgeKind.SIDE)
+    assert side.middle[0] == pytest.approx(epal.width / 2)
+    assert {measured.edge for measured in seen.edges} == {e.edge for e in free.edges} - set(seen.hidden_lines)
+    assert seen.expected == pytest.approx(free.expected - sum(map(seen.evidence_weight, seen.hidden_lines)))

@@ -16,7 +16,7 @@ from palletloc.pallet_library import load_library
 from palletloc.plane import PALLET_FROM_VERTICAL
 from palletloc.refinement.depth_edges import DepthEdge, visible_depth_edges
 from palletloc.refinement.edges import MeasuredEdge, SeenFace
-from palletloc.refinement.normal_equations import DEPTH_ERROR, FaceEquations, FaceSolution
+from palletloc.refinement.normal_equations import DEPTH_ERROR, FaceEquations, FaceSolution, apparent_motion
 
 POSE = LevelPose(0.9, 2.0, 0.15, 1.7)
 STEP = 1e-5
@@ -88,8 +88,8 @@ def seen_face(
         fit = geometry.fit(line.whole)
         fit = replace(fit, offset=fit.offset + (noise[i] if len(noise) else 0.0))
         shift = replace(edge_shift(line.whole, camera, model), sigma=0.0)
-        edges.append(MeasuredEdge(line.whole, fit, sigma, shift, 0.003))
-    return SeenFace(camera, tuple(edges), len(edges))
+        edges.append(MeasuredEdge(line.whole, fit, sigma, shift, 0.003, 1.0))
+    return SeenFace(camera, np.eye(4), (), tuple(edges), len(edges))
 
 
 def exact(mounting: Mounting) -> Mounting:
@@ -119,10 +119,25 @@ def test_a_small_motion_is_recovered_from_where_the_edges_went(
 
 def test_motions_add_up(t11: PalletModel, mounting: Mounting) -> None:
     motion = STEP * np.array([1.0, -2.0, 3.0, 1.5])
-    solution = FaceEquations(seen_face(t11, mounting, motion), POSE, mounting, t11).solve()
+    seen = seen_face(t11, mounting, motion)
+    solution = FaceEquations(seen, POSE, mounting, t11).solve()
     np.testing.assert_allclose(solution.motion, motion, atol=0.05 * STEP)
+    np.testing.assert_allclose(solution.shifts, [edge.fit.offset for edge in seen.edges], atol=0.05 * STEP)
     assert solution.chi2 < 1.0
     np.testing.assert_allclose(solution.weights, 1.0, atol=1e-3)
+
+
+def test_points_seem_to_move_as_they_do_with_a_wrong_mounting(mounting: Mounting) -> None:
+    points = np.random.default_rng(0).uniform(-4.0, 4.0, (20, 3))
+    points_camera = mounting.forklift_from_camera.inv().apply(points)
+    motion = apparent_motion(points, mounting.center)
+    assert motion.shape == (20, 3, 6)
+    for k, errors in enumerate(STEP * np.eye(6)):
+        moved = disturbed(mounting, errors).apply(points_camera) - disturbed(mounting, -errors).apply(points_camera)
+        np.testing.assert_allclose(motion[:, :, k], moved / (2 * STEP), atol=1e-6)
+    # turns leave the camera itself where it is
+    at_camera = apparent_motion(mounting.center[None], mounting.center)
+    np.testing.assert_allclose(at_camera[0], np.eye(3, 6), atol=1e-12)
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2, 5], ids=["x", "y", "z", "yaw"])
@@ -147,7 +162,7 @@ def test_the_covariance_holds_the_motion_that_the_mountings_error_makes(
 def test_a_tilted_mounting_makes_the_place_uncertain(axis: int, t11: PalletModel, mounting: Mounting) -> None:
     sigma = 0.003 * np.eye(6)[axis]
     tilted = Mounting(mounting.forklift_from_camera, (0.0, 0.0, 0.0), tuple(sigma[3:]))
-    sure, unsure = (FaceEquations(seen_face(t11, mounting), POSE, one, t11) for one in (exact(mounting), tilted))
+    sure, unsure = (FaceEquations(seen_face(t11, mounting), POSE, each, t11) for each in (exact(mounting), tilted))
     for system in (sure, unsure):
         system.add_height(0.0, 0.001)
     gained = unsure.solve().covariance - sure.solve().covariance
@@ -243,13 +258,12 @@ LEVEL_POSE = replace(POSE, z=1.72)
 def level_system(mounting: Mounting, sigma: float = 1e-3) -> tuple[FaceEquations, FaceSolution, list[DepthEdge]]:
     """A face at the camera's height, its solution, and the edges behind it."""
     camera = forklift_from_plane(LEVEL_POSE).inv().apply(mounting.center)
+    fit = EdgeFit(0.0, 0.0, 1e-4, 1e-4, 1.0, 10.0)
     edges = [
-        MeasuredEdge(
-            line.whole, EdgeFit(0.0, 0.0, 1e-4, 1e-4, 1.0, 10.0), sigma, edge_shift(line.whole, camera, EPAL), 0.003
-        )
+        MeasuredEdge(line.whole, fit, sigma, edge_shift(line.whole, camera, EPAL), 0.003, 1.0)
         for line in face_lines(EPAL)
     ]
-    system = FaceEquations(SeenFace(camera, tuple(edges), len(edges)), LEVEL_POSE, mounting, EPAL)
+    system = FaceEquations(SeenFace(camera, np.eye(4), (), tuple(edges), len(edges)), LEVEL_POSE, mounting, EPAL)
     system.add_height(0.0, 0.003)
     system.add_turn(0.0, 0.1)
     behind = list(visible_depth_edges(EPAL, camera))
@@ -257,13 +271,13 @@ def level_system(mounting: Mounting, sigma: float = 1e-3) -> tuple[FaceEquations
     return system, system.solve(), behind
 
 
-def step_of(solution: FaceSolution, unknown: int) -> FaceSolution:
-    return replace(solution, unknowns=STEP * np.eye(len(solution.unknowns))[unknown])
+def motion_of(system: FaceEquations, behind: list[DepthEdge]) -> FloatArray:
+    return system.motion_behind(np.array([edge.place for edge in behind]), [edge.level for edge in behind])
 
 
 @pytest.mark.parametrize("unknown", range(10))
 def test_edges_behind_the_face_are_expected_where_geometry_puts_them(unknown: int, mounting: Mounting) -> None:
-    system, solution, behind = level_system(mounting)
+    system, _, behind = level_system(mounting)
     motion, errors = np.split(STEP * np.eye(10)[unknown], [4])
     x, y, z = forklift_from_plane(LEVEL_POSE).apply(motion[:3] * [1, 1, -1])
     true_pose = LevelPose(x, y, z, LEVEL_POSE.yaw + motion[3])
@@ -275,7 +289,7 @@ def test_edges_behind_the_face_are_expected_where_geometry_puts_them(unknown: in
     ]
     right = [camera[0] + (p[0] - camera[0]) * camera[2] / (camera[2] - p[2]) for p in moved]
     expected = np.array(right) - [edge.image.middle[0] for edge in behind]
-    found = system.expected_behind(behind, step_of(solution, unknown))
+    found = STEP * motion_of(system, behind)[:, unknown]
     np.testing.assert_allclose(found, expected, atol=2e-3 * STEP + 1e-9)
     assert np.abs(found).max() > 0.1 * STEP or unknown in (1, 6, 7, 8)
 
@@ -285,8 +299,7 @@ def test_edges_of_one_depth_share_its_error(mounting: Mounting) -> None:
     camera = system.seen.plane_from_camera
     first = len(solution.unknowns) - 5
     for level in range(5):
-        found = system.expected_behind(behind, step_of(solution, first + level))
-        for edge, offset in zip(behind, found, strict=True):
+        for edge, offset in zip(behind, STEP * motion_of(system, behind)[:, first + level], strict=True):
             right, _, near = edge.place
             deeper = camera[0] + (right - camera[0]) * camera[2] / (camera[2] - near + DEPTH_ERROR * STEP)
             expected = deeper - edge.image.middle[0] if edge.level == level else 0.0
@@ -295,10 +308,9 @@ def test_edges_of_one_depth_share_its_error(mounting: Mounting) -> None:
 
 def test_what_is_measured_behind_the_face_turns_it(mounting: Mounting) -> None:
     system, solution, behind = level_system(exact(mounting), sigma=0.01)
-    turned = replace(solution, unknowns=0.01 * np.eye(len(solution.unknowns))[3])
-    offsets = system.expected_behind(behind, turned)
-    shares = offsets / (offsets @ offsets)
-    system.add_behind(behind, shares, 1.0, 0.01)
+    motion = motion_of(system, behind)
+    offsets = 0.01 * motion[:, 3]
+    system.add_offset(offsets / (offsets @ offsets) @ motion, 1.0, 0.01)
     better = system.solve()
     assert better.motion[3] == pytest.approx(0.01, rel=0.2)
     assert better.covariance[3, 3] < 0.1 * solution.covariance[3, 3]
@@ -307,12 +319,9 @@ def test_what_is_measured_behind_the_face_turns_it(mounting: Mounting) -> None:
 def test_the_depth_of_a_row_limits_what_its_edges_tell(mounting: Mounting) -> None:
     system, solution, behind = level_system(exact(mounting), sigma=0.01)
     rear = [edge for edge in behind if edge.level == 4]
-    shares = np.ones(len(rear)) / len(rear)
-    system.add_behind(rear, shares, 0.0, 1e-7)
-    by_yaw, by_depth = (
-        float(shares @ system.expected_behind(rear, step_of(solution, unknown))) / STEP
-        for unknown in (3, len(solution.unknowns) - 1)
-    )
+    mean = motion_of(system, rear).mean(axis=0)
+    system.add_offset(mean, 0.0, 1e-7)
+    by_yaw, by_depth = mean[3], mean[-1]
     yaw_sigma = float(np.sqrt(system.solve().covariance[3, 3]))
     assert yaw_sigma < float(np.sqrt(solution.covariance[3, 3]))
     assert yaw_sigma > 0.5 * abs(by_depth / by_yaw)
@@ -320,13 +329,13 @@ def test_the_depth_of_a_row_limits_what_its_edges_tell(mounting: Mounting) -> No
 
 def test_level_with_the_camera_blur_makes_the_range_less_certain(mounting: Mounting) -> None:
     sharp, blurred = (
-        [replace(one, pixel=pixel) for one in level_system(mounting)[0].seen.edges] for pixel in (1e-6, 0.006)
+        [replace(edge, pixel=pixel) for edge in level_system(mounting)[0].seen.edges] for pixel in (1e-6, 0.006)
     )
     depths = []
     for pose in (LEVEL_POSE, POSE):
         camera = forklift_from_plane(pose).inv().apply(mounting.center)
-        seen = [SeenFace(camera, tuple(edges), len(edges)) for edges in (sharp, blurred)]
-        systems = [FaceEquations(one, pose, exact(mounting), EPAL) for one in seen]
+        seen = [SeenFace(camera, np.eye(4), (), tuple(edges), len(edges)) for edges in (sharp, blurred)]
+        systems = [FaceEquations(face, pose, exact(mounting), EPAL) for face in seen]
         depths.append([float(np.sqrt(system.solve().covariance[2, 2])) for system in systems])
     assert depths[0][1] > 1.3 * depths[0][0]
     assert depths[1][1] == pytest.approx(depths[1][0])

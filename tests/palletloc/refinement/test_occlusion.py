@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -8,13 +8,29 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import RigidTransform, Rotation
 
+from palletloc.cameras import Pinhole
 from palletloc.edge_fit import EdgeFit, EdgePeaks
 from palletloc.face import EdgeKind, FaceEdge, face_lines
-from palletloc.geometry import FloatArray
+from palletloc.geometry import FloatArray, Image, LevelPose
+from palletloc.mounting import Mounting
 from palletloc.pallet import Opening, PalletModel
-from palletloc.refinement.occlusion import BINS, LEAST_WIDTH, MOSTLY, hidden_part, hidden_spans, is_hidden, joined
+from palletloc.plane import PALLET_FROM_VERTICAL
+from palletloc.refinement.occlusion import (
+    BINS,
+    LEAST_WIDTH,
+    MOSTLY,
+    explained_part,
+    hidden_part,
+    hidden_spans,
+    is_hidden,
+    joined,
+    visible_occluders,
+)
+from palletloc.refinement.patch import FacePatch, view_patch
 from palletloc.refinement.profiles import FaceCuts, face_cuts
+from palletloc.shot import Shot
 
 OPENINGS = tuple(Opening(center, 0.022, 0.3825, 0.1) for center in (-0.26375, 0.26375))
 MODEL = PalletModel("two_openings", 1.2, 0.144, 0.8, OPENINGS)
@@ -226,14 +242,93 @@ stretches = st.lists(ends.map(lambda end: (float(end[0]), float(end[0] + end[1])
 
 @given(stretches, stretches)
 def test_joined_stretches_cover_the_same_once(
-    one: list[tuple[float, float]], other: list[tuple[float, float]]
+    first: list[tuple[float, float]], second: list[tuple[float, float]]
 ) -> None:
-    found = joined(one, other)
+    found = joined(first, second)
     places = np.arange(0.25, 51.0, 0.5)
 
     def covered(spans: Sequence[Stretch]) -> list[bool]:
         return [any(low < place < high for low, high in spans) for place in places]
 
-    assert covered(found) == covered([*one, *other])
+    assert covered(found) == covered([*first, *second])
     assert all(left[1] < right[0] for left, right in pairwise(found))
     assert joined(found) == found
+
+
+# What is seen to stand before a face.
+
+CAMERA = Pinhole(640, 480, 380.0, 380.0, 319.5, 239.5)
+MOUNTED = RigidTransform.from_components([0.3, -0.1, 1.0], Rotation.from_euler("ZYX", [1.2, 0.25, 0.02]))
+POSE = LevelPose(0.9, 2.2, 0.3, 1.4)
+FACE, FLOOR, GRAIN = 170.0, 90.0, 6.0
+Paints = Callable[..., Image]
+
+
+def seen(paint_plane: Paints, before: dict[tuple[float, float, float], float], aside: float = 0.0) -> FacePatch:
+    """Return a view of a face 1.2 m wide with things before it: (left, right, lowest) and their gray."""
+
+    def paint(points: FloatArray) -> FloatArray:
+        right, up = points[..., 0], points[..., 1]
+        gray = np.where((np.abs(right - aside) < 0.6) & (up > 0) & (up < 0.144), FACE, FLOOR)
+        for (left, end, low), colour in before.items():
+            gray = np.where((right > left) & (right < end) & (up > low), colour, gray)
+        return gray
+
+    camera_from_plane = (MOUNTED.inv() * POSE.transform() * PALLET_FROM_VERTICAL).as_matrix()
+    image = paint_plane(CAMERA, camera_from_plane, (-1.3, 1.3, -0.2, 0.3), paint)
+    noisy = np.clip(np.rint(image + np.random.default_rng(3).normal(0.0, GRAIN, image.shape)), 0, 255)
+    shot = Shot(noisy.astype(np.uint8), CAMERA, Mounting(MOUNTED))
+    patch = view_patch(shot, POSE, (-0.75, 0.75, -0.1, 0.25), 0.006)
+    assert isinstance(patch, FacePatch)
+    return patch
+
+
+@pytest.mark.parametrize("gray", [20.0, 160.0, 230.0])
+@pytest.mark.parametrize(("left", "right"), [(-0.6, -0.35), (-0.1, 0.1), (0.2, 0.6)])
+def test_a_post_that_reaches_below_the_face_is_seen(
+    paint_plane: Paints, epal: PalletModel, left: float, right: float, gray: float
+) -> None:
+    patch = seen(paint_plane, {(left, right, -1.0): gray})
+    assert explained_part(patch, epal, POSE, [(left, right)]) == pytest.approx((right - left) / epal.width)
+
+
+def test_where_the_floor_goes_on_nothing_is_seen(paint_plane: Paints, epal: PalletModel) -> None:
+    beside = seen(paint_plane, {}, aside=0.5)  # the real face stands half a metre aside: floor is where it should be
+    assert explained_part(beside, epal, POSE, [(-0.6, -0.1)]) == 0.0
+    above = seen(paint_plane, {(0.1, 0.4, 0.02): 20.0})
+    assert explained_part(above, epal, POSE, [(0.1, 0.4)]) == 0.0
+
+
+def test_each_hidden_stretch_is_judged_by_itself(paint_plane: Paints, epal: PalletModel) -> None:
+    patch = seen(paint_plane, {(-0.4, -0.2, -1.0): 230.0})
+    found = explained_part(patch, epal, POSE, [(-0.4, -0.2), (0.3, 0.6)])
+    assert found == pytest.approx(0.2 / epal.width)
+
+
+def test_nothing_is_explained_where_nothing_is_hidden_or_nothing_is_left(
+    paint_plane: Paints, epal: PalletModel
+) -> None:
+    patch = seen(paint_plane, {(-0.4, -0.2, -1.0): 230.0})
+    assert explained_part(patch, epal, POSE, []) == 0.0
+    assert explained_part(patch, epal, POSE, [(-0.6, 0.6)]) == 0.0
+    lifted = LevelPose(POSE.x, POSE.y, POSE.z - 0.3, POSE.yaw)  # what is below the face is out of the view
+    assert explained_part(patch, epal, lifted, [(-0.4, -0.2)]) == 0.0
+
+
+@pytest.mark.parametrize("gray", [20.0, 230.0])
+@pytest.mark.parametrize(("left", "right"), [(-0.6, -0.5), (0.3, 0.36), (0.5, 0.6)])
+def test_a_post_before_a_face_is_seen_where_it_stands(
+    paint_plane: Paints, epal: PalletModel, left: float, right: float, gray: float
+) -> None:
+    ((low, high),) = visible_occluders(seen(paint_plane, {(left, right, -1.0): gray}), epal, POSE)
+    assert low == pytest.approx(left, abs=0.025)
+    assert high == pytest.approx(right, abs=0.025)
+
+
+def test_what_is_only_on_the_face_or_only_below_it_is_no_post(paint_plane: Paints, epal: PalletModel) -> None:
+    label = seen(paint_plane, {(-0.2, 0.1, 0.02): 20.0})
+    assert visible_occluders(label, epal, POSE) == ()
+    line = seen(paint_plane, {(-0.2, 0.1, -1.0): 20.0, (-0.25, 0.15, 0.0): FACE})
+    assert visible_occluders(line, epal, POSE) == ()
+    lifted = LevelPose(POSE.x, POSE.y, POSE.z - 0.3, POSE.yaw)
+    assert visible_occluders(label, epal, lifted) == ()

@@ -12,9 +12,10 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from palletloc.cameras import CameraModel, Equirectangular, Pinhole
 from palletloc.geometry import FloatArray, Image, LevelPose
 from palletloc.measurement import Reason
+from palletloc.mounting import Mounting
 from palletloc.plane import PALLET_FROM_VERTICAL
-from palletloc.projection import Projector
-from palletloc.refinement.patch import MIN_DISTANCE, FacePatch, view_patch
+from palletloc.refinement.patch import FacePatch, view_patch
+from palletloc.shot import MIN_DISTANCE, Shot
 
 CAMERA = Pinhole(480, 320, 300.0, 300.0, 239.5, 159.5)
 MOUNTED = RigidTransform.from_components([0.3, -0.1, 1.2], Rotation.from_euler("ZYX", [1.2, 0.25, 0.02]))
@@ -29,7 +30,7 @@ def camera_from_plane(base: LevelPose = BASE) -> FloatArray:
 
 
 def patch_of(image: Image, camera: CameraModel = CAMERA, base: LevelPose = BASE) -> FacePatch:
-    found = view_patch(Projector(camera), image, MOUNTED.inv(), base, EXTENT, RESOLUTION)
+    found = view_patch(Shot(image, camera, Mounting(MOUNTED)), base, EXTENT, RESOLUTION)
     assert isinstance(found, FacePatch)
     return found
 
@@ -142,20 +143,20 @@ def test_gray_and_the_same_gray_in_three_channels_agree(paint_plane: Paints) -> 
 
 
 def test_a_camera_behind_the_plane_or_close_to_it_sees_nothing() -> None:
-    image = np.zeros((CAMERA.height, CAMERA.width), np.uint8)
+    shot = Shot(np.zeros((CAMERA.height, CAMERA.width), np.uint8), CAMERA, Mounting(MOUNTED))
     center = np.asarray(MOUNTED.translation)
     into = np.array([np.cos(BASE.yaw), np.sin(BASE.yaw)])
     for distance in (-1.0, 0.0, 0.9 * MIN_DISTANCE):
         x, y = (center[:2] + distance * into).tolist()
         base = replace(BASE, x=x, y=y)
-        found = view_patch(Projector(CAMERA), image, MOUNTED.inv(), base, EXTENT, RESOLUTION)
+        found = view_patch(shot, base, EXTENT, RESOLUTION)
         assert found is Reason.BEHIND_FACE
 
 
 def test_a_plane_that_the_image_hardly_shows_is_out_of_view() -> None:
     image = np.zeros((CAMERA.height, CAMERA.width), np.uint8)
     aside = replace(BASE, x=BASE.x + 6.0)
-    assert view_patch(Projector(CAMERA), image, MOUNTED.inv(), aside, EXTENT, RESOLUTION) is Reason.OUT_OF_VIEW
+    assert view_patch(Shot(image, CAMERA, Mounting(MOUNTED)), aside, EXTENT, RESOLUTION) is Reason.OUT_OF_VIEW
     sphere = Equirectangular(480, 240)
     whole = np.zeros((240, 480), np.uint8)
-    assert isinstance(view_patch(Projector(sphere), whole, MOUNTED.inv(), aside, EXTENT, RESOLUTION), FacePatch)
+    assert isinstance(view_patch(Shot(whole, sphere, Mounting(MOUNTED)), aside, EXTENT, RESOLUTION), FacePatch)

@@ -70,13 +70,13 @@ def looked(
     height: HeightPrior | None = FLOOR,
     config: SearchConfig = FAR,
 ) -> Search | Reason:
-    return search(shot.projector, shot.image, shot.mounting, start, model, height, config)
+    return search(shot, start, model, height, config)
 
 
-def apart(one: LevelPose, other: LevelPose) -> tuple[float, float]:
+def apart(pose: LevelPose, other: LevelPose) -> tuple[float, float]:
     """The distance in metres and the angle in degrees between two poses."""
-    difference = one.as_array() - other.as_array()
-    return float(np.linalg.norm(difference[:3])), abs(float(np.degrees(wrap_angle(difference[3]))))
+    difference = pose.minus(other)
+    return float(np.linalg.norm(difference[:3])), abs(float(np.degrees(difference[3])))
 
 
 def missed(
@@ -234,7 +234,7 @@ def test_nothing_is_looked_for_beyond_the_yaws_that_may_be(side: float, portrait
     pose = LevelPose(0.3 + 2.2 * float(ahead[0]), -0.08 + 2.2 * float(ahead[1]), 0.0, side)
     shot, reach = portrait(t11, pose), np.radians(2.0)
     start = replace(pose, yaw=float(wrap_angle(pose.yaw + np.radians(1.5))))
-    where = shot.projector, shot.image, shot.mounting, start, t11, FLOOR, NEAR
+    where = shot, start, t11, FLOOR, NEAR
     narrow = search(*where, (float(wrap_angle(pose.yaw - reach)), float(wrap_angle(pose.yaw + reach))))
     assert isinstance(narrow, Search)
     turns = start.yaw + narrow.found.grid.turns - pose.yaw
@@ -248,7 +248,7 @@ def test_nothing_is_looked_for_beyond_the_yaws_that_may_be(side: float, portrait
 def test_a_start_beyond_the_yaws_that_may_be_is_looked_at_as_far_as_any(portrait: Portrait, t11: PalletModel) -> None:
     pose = LevelPose(0.9, 2.0, 0.0, LEFT)
     shot = portrait(t11, pose)
-    where = shot.projector, shot.image, shot.mounting, pose, t11, FLOOR, NEAR
+    where = shot, pose, t11, FLOOR, NEAR
     free, elsewhere = search(*where), search(*where, (0.0, 0.2))
     assert isinstance(free, Search)
     assert isinstance(elsewhere, Search)

@@ -128,7 +128,7 @@ def test_errors_are_normalized_by_both_uncertainties() -> None:
     measured = LevelPose(6.0, 2.0, 1.0, -3.1)
     own = np.diag([16.0, 0.0, 3.0, 0.0])
     error = 2 * (np.pi - 3.1)
-    assert_allclose(true.normalized_error(measured, own), [1.0, 0.0, 0.5, error / 0.01])
+    assert_allclose(true.normalised_error(measured, own), [1.0, 0.0, 0.5, error / 0.01])
     assert true.nees(measured, own) == pytest.approx(1 + 0.25 + (error / 0.01) ** 2)
 
 
@@ -138,7 +138,7 @@ def test_the_survey_of_a_shared_recording_agrees_with_its_truth(shared_data: Pat
     errors = []
     for stop in surveyed.stops:
         poses = {pose.id: pose for pose in continuous_poses(truth.forklift, truth.pallets, stop.time)}
-        errors += [pose.normalized_error(poses[pose.id].forklift_from_pallet) for pose in stop.poses]
+        errors += [pose.normalised_error(poses[pose.id].forklift_from_pallet) for pose in stop.poses]
     assert np.shape(errors) == (9, 4)
     assert np.abs(errors).max() < 2
     assert surveyed.notes == ()
@@ -158,7 +158,7 @@ def test_angles_and_distances_alone_give_the_same_truth_as_coordinates(shared_da
     polar_truth, given = read_surveyed_truth(tmp_path), read_surveyed_truth(shared_data / "dev_lab")
     for stop, other in zip(polar_truth.stops, given.stops, strict=True):
         for pose, expected in zip(stop.poses, other.poses, strict=True):
-            assert np.abs(expected.normalized_error(pose.forklift_from_pallet)).max() < 0.5
+            assert np.abs(expected.normalised_error(pose.forklift_from_pallet)).max() < 0.5
 
 
 @pytest.mark.parametrize("name", ["dev_lab", "dev_warehouse"])

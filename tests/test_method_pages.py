@@ -1,7 +1,5 @@
 """What the pages about the method name, compared with the program."""
 
-from __future__ import annotations
-
 import importlib
 import re
 from dataclasses import fields, is_dataclass

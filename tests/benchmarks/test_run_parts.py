@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 
 from benchmarks.run_parts import between

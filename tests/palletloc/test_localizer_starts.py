@@ -1,7 +1,5 @@
 """The same measurements from given starts instead of detections."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Bad files: one line that names the file, the line or key, and what was expected."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -20,6 +20,7 @@ from calibration.check.tilt_sources import (
     NamedTilt,
     fused_tilt,
 )
+from calibration.drive import evenly_spread
 from calibration.shelf.gravity_lines import Tilt, level_direction, level_tilt, vertical_tilt
 from calibration.shelf.landmarks import usable_shots
 from calibration.shelf.line_segments import Segments, find_segments
@@ -114,7 +115,7 @@ def measure_turn(recording: Recording, on_progress: Callable[[str], None] = lamb
     shots = usable_shots(recording)
     if not shots:
         return MountingCheck(recording, (), (), None, np.zeros((2, 2)), 1.0, None, None)
-    spread = np.unique(np.linspace(0, len(shots) - 1, min(len(shots), _MOST_SHOTS)).round().astype(int))
+    spread = evenly_spread(len(shots), _MOST_SHOTS)
     on_progress("looking for upright edges")
     segments = [_segments(recording, shots[i]) for i in spread]
     plumb = vertical_tilt(segments)

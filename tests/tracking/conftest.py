@@ -80,11 +80,11 @@ class Site:
             if rng.uniform() < 0.1:
                 place = LevelPose(*rng.uniform([1.0, -4.0, 0.0, -3.0], [6.0, -1.0, 2.0, 3.0]).tolist())
                 inputs.append(measurement(time, place))
-        return sorted(inputs, key=lambda one: one.time)
+        return sorted(inputs, key=lambda given: given.time)
 
     def late(self, inputs: Sequence[Input], most: float = 1.9) -> Stream:
         """Return inputs as they may arrive, none of them later than some time."""
-        arrival = [one.time + self.rng.uniform(0.0, most) for one in inputs]
+        arrival = [given.time + self.rng.uniform(0.0, most) for given in inputs]
         return [inputs[i] for i in np.argsort(arrival, kind="stable")]
 
 
@@ -109,8 +109,8 @@ def make_site() -> Callable[..., Site]:
 def plain(states: Sequence[TrackState]) -> FloatArray:
     """Return states as numbers, whatever the tracks' numbers are."""
     rows = [
-        [*one.pose.as_array(), *one.covariance.ravel(), one.age, one.hits, one.nis, hash(one.status) % 97]
-        for one in states
+        [*state.pose.as_array(), *state.covariance.ravel(), state.age, state.hits, state.nis, hash(state.status) % 97]
+        for state in states
     ]
     return np.array(sorted(rows)).reshape(len(rows), -1)
 

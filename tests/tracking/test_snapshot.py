@@ -38,12 +38,12 @@ def test_after_a_restart_at_any_time_all_goes_on_to_the_last_bit(
     inputs = site.late(site.stream(4.0), 0.8)
     cut = round(share * len(inputs))
     tracker = PalletTracker()
-    for one in inputs[:cut]:
-        tracker.push(one)
+    for each in inputs[:cut]:
+        tracker.push(each)
     restored = again(tracker)
     assert_same(tracker, restored)
-    for one in inputs[cut:]:
-        assert repr(tracker.push(one)) == repr(restored.push(one))
+    for each in inputs[cut:]:
+        assert repr(tracker.push(each)) == repr(restored.push(each))
     assert_same(tracker, restored)
 
 

@@ -1,5 +1,7 @@
 """What the pages say about the program, compared with the program."""
 
+from __future__ import annotations
+
 import re
 from dataclasses import fields, is_dataclass
 from pathlib import Path

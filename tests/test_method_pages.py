@@ -1,5 +1,7 @@
 """What the pages about the method name, compared with the program."""
 
+from __future__ import annotations
+
 import importlib
 import re
 from dataclasses import fields, is_dataclass

@@ -1,5 +1,7 @@
 """Yards of targets, and shots that are drawn by casting rays."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 
 import cv2

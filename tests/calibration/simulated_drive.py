@@ -1,5 +1,7 @@
 """Drives past targets with their truth, as bearings without images."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

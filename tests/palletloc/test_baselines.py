@@ -1,5 +1,7 @@
 """The methods to compare with: the chain on planes, and the paper's as they are written."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import replace
 

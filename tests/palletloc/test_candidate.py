@@ -1,5 +1,7 @@
 """Candidates, fits and refusals are values: nothing can be written into them, and they hold what pictures need."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import FrozenInstanceError, fields, is_dataclass, replace
 

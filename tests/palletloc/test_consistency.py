@@ -1,5 +1,7 @@
 """Do covariances tell the truth? Errors over many pictures, with pallets and mountings that are a little off."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import replace
 

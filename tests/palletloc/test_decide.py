@@ -1,5 +1,7 @@
 """The decision between a fit and its rivals: likelier ones that stand apart win, others widen its covariance."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterator
 from dataclasses import replace

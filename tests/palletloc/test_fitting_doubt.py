@@ -1,5 +1,7 @@
 """What makes a fit less certain, or has it refused: yaws of its level lines, and uprights that are not seen."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any

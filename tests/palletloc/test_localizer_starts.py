@@ -1,5 +1,7 @@
 """The same measurements from given starts instead of detections."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import replace
 

@@ -1,5 +1,7 @@
 """Pallets with a post or a carton before part of the face: measured as well as the covariance says, or refused."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import replace
 

@@ -1,5 +1,7 @@
 """Of candidates that stand in each other, those stay that together are the likeliest."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import combinations

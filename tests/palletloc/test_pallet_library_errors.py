@@ -1,5 +1,7 @@
 """Bad files: one line that names the file, the line or key, and what was expected."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from pathlib import Path
 

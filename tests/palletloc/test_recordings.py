@@ -1,5 +1,7 @@
 """What the method must reach on photo-real recordings with exact truth, which lie beside the repository."""
 
+from __future__ import annotations
+
 import csv
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,5 +1,7 @@
 """Other explanations of the image in a fit's place: when there is one, and how likely it is against the fit."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import replace

@@ -1,5 +1,7 @@
 """Shots: where the camera is against a face, views of its planes through any camera, and their exposure."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import replace
 

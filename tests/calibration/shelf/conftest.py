@@ -1,5 +1,7 @@
 """Recordings of pictures that a test has drawn."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterable
 from pathlib import Path
 

@@ -1,3 +1,5 @@
+from __future__ import annotations
+
 import weakref
 from collections.abc import Iterator
 from dataclasses import replace

@@ -1,3 +1,5 @@
+from __future__ import annotations
+
 from palletloc.report.page import Column, commands, heading, key_figures, listing, page, paragraph, picture, table
 
 NASTY = '<b>"quoted" & $dollar</b>'

@@ -1,5 +1,7 @@
 """Edges in pictures are where projected points of the solids are; rays see what is there."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from typing import Any
 

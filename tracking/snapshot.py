@@ -150,7 +150,10 @@ def restored(memory: Memory, model: UpdateModel) -> Parts:
         held = [_ready(given, model.config) for given in memory.held]
     except BadInputError as error:
         raise fault("", str(error)) from None
-    window.run()
+    try:
+        window.run()
+    except (ArithmeticError, ValueError) as error:  # with numbers that are beyond all reason together
+        raise fault("shots", f"their steps cannot be done again: {error}") from None
     log.numbering = TrackNumbers(dict(memory.numbers), memory.following)
     log.dispositions, log.statuses = dict(memory.dispositions), dict(memory.statuses)
     log.renewed = set(memory.renewed)

@@ -225,8 +225,8 @@ def _check_belief(memory: Memory) -> None:
         _check_state(track.state, 1, f"tracks.{i}.state")
         if not _own_part_agrees(track.state, known[track.key]):
             raise fault(f"tracks.{i}.state", "expected what its group knows of the pallet")
-        if track.contradiction is not None:
-            _check_state(track.contradiction.state, 1, f"tracks.{i}.contradiction.state")
+        if track.rejected is not None:
+            _check_state(track.rejected.state, 1, f"tracks.{i}.rejected.state")
 
 
 def _check_times(memory: Memory) -> None:

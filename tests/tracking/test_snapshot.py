@@ -68,7 +68,7 @@ def test_a_rival_and_another_config_are_kept(make_site: SiteMaker) -> None:
     tracker = PalletTracker(config)
     for k in range(40):
         tracker.push([site.odometry(k / 5), site.measured(0, k / 5, (0.3 * (k > 20), 0.0, 0.0, 0.0))])
-    assert tracker._window.base.tracks[0].contradiction is not None
+    assert tracker._window.base.tracks[0].rejected is not None
     restored = again(tracker)
     assert restored.config == config
     for k in range(40, 55):

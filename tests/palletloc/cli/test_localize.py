@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,13 +8,7 @@ import pytest
 from palletloc.cli.app import run
 from palletloc.cli.simulate import save_simulation
 from palletloc.geometry import LevelPose, level_pose, wrap_angle
-from palletloc.io.measurements import (
-    MEASUREMENT_COLUMNS,
-    REFUSAL_COLUMNS,
-    NoPose,
-    read_measurements,
-    read_refusals,
-)
+from palletloc.io.measurements import MEASUREMENT_COLUMNS, REFUSAL_COLUMNS, NoPose, read_measurements, read_refusals
 from palletloc.io.recording import read_recording
 from palletloc.io.truth import read_truth
 from palletloc.measurement import PalletMeasurement, Reason, Stage

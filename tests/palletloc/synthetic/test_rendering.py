@@ -1,7 +1,5 @@
 """Edges in pictures are where projected points of the solids are; rays see what is there."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
@@ -226,11 +224,7 @@ def test_a_camera_that_sees_nothing_is_refused() -> None:
         width, height, period_px = 4, 4, None
 
         def unproject(self, pixels: FloatArray) -> Any:
-            return (
-                np.full((*pixels.shape[:-1], 3), np.nan),
-                np.zeros((*pixels.shape[:-1], 3)),
-                pixels[..., 0] > 9,
-            )
+            return (np.full((*pixels.shape[:-1], 3), np.nan), np.zeros((*pixels.shape[:-1], 3)), pixels[..., 0] > 9)
 
     with pytest.raises(ValueError, match="sees nothing"):
         camera_rays(Blind())  # type: ignore[arg-type]

@@ -1,7 +1,5 @@
 """Pallets that the image shows only in part: cut by its border, by the limit of a lens, or between two lenses."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

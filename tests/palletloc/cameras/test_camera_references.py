@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -10,14 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from palletloc.cameras import (
-    CameraModel,
-    DualFisheye,
-    Equirectangular,
-    FisheyeLens,
-    KannalaBrandt,
-    Pinhole,
-)
+from palletloc.cameras import CameraModel, DualFisheye, Equirectangular, FisheyeLens, KannalaBrandt, Pinhole
 from palletloc.geometry import FloatArray
 
 FISHEYE_TERMS = {"k1": 0.03, "k2": -0.012, "k3": 0.002, "k4": -0.0002}
@@ -278,8 +269,7 @@ class TestDualFisheye:
     def test_does_not_see_the_origin_even_between_its_lenses(self) -> None:
         lenses = [
             FisheyeLens(
-                lens.model,
-                RigidTransform.from_components([0.0, offset, 0.0], lens.camera_from_lens.rotation),
+                lens.model, RigidTransform.from_components([0.0, offset, 0.0], lens.camera_from_lens.rotation)
             )
             for lens, offset in ((DUAL.front, 0.02), (DUAL.back, -0.02))
         ]

@@ -1,7 +1,5 @@
 """The unified models against their definitions, written down a second time, and against each other."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Runs over the sample with known errors, surveys of it, and the command that evaluates them, for tests."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path
@@ -37,10 +35,7 @@ def test_a_files_values_take_the_place_of_the_defaults(tmp_path: Path, capsys: p
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        (
-            "yaw: {serach: 0.1}\n",
-            "mine.yaml: yaw: unknown key 'serach'; did you mean 'search'?",
-        ),
+        ("yaw: {serach: 0.1}\n", "mine.yaml: yaw: unknown key 'serach'; did you mean 'search'?"),
         ("yaw: {search: .nan}\n", "mine.yaml: yaw.search: expected a finite number, got nan"),
         (None, "mine.yaml: no such file"),
     ],

@@ -1,7 +1,5 @@
 """Several shots while the forklift stands: accuracy and repeatability in the terms of ISO 9283."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

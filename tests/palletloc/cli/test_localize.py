@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,13 +8,7 @@ import pytest
 from palletloc.cli.app import run
 from palletloc.cli.simulate import save_simulation
 from palletloc.geometry import LevelPose, level_pose, wrap_angle
-from palletloc.io.measurements import (
-    MEASUREMENT_COLUMNS,
-    REFUSAL_COLUMNS,
-    NoPose,
-    read_measurements,
-    read_refusals,
-)
+from palletloc.io.measurements import MEASUREMENT_COLUMNS, REFUSAL_COLUMNS, NoPose, read_measurements, read_refusals
 from palletloc.io.recording import read_recording
 from palletloc.io.truth import read_truth
 from palletloc.measurement import PalletMeasurement, Reason, Stage
@@ -113,7 +105,7 @@ def test_every_method_does_without_pallets(localize: Localize, status: Status, m
 def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a synthetic recording with its truth."""
     folder = tmp_path_factory.mktemp("simulated") / "approach"
-    aisle = AisleSpec(models=find_models(["t11-plastic"], {}), levels=(0.0,))
+    aisle = AisleSpec(find_models(["t11-plastic"], {}), levels=(0.0,), length=7.0, opposite=False, clutter=0)
     save_simulation(folder, simulate(SimulationSpec(aisle=aisle, width=1600, shots=2), seed=2))
     return folder
 

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import struct
 import zlib
 from collections.abc import Callable
@@ -98,33 +96,13 @@ BAD = [
     ("recording.yaml", "shelf:", "shelv:", "recording.yaml: unknown key 'shelv'; did you mean 'shelf'?"),
     ("recording.yaml", "[0, 0, 0]", "[0, .nan, 0]", "recording.yaml: forklift_from_camera.roll_pitch_yaw"),
     ("recording.yaml", "[t11]", "[t12]", "recording.yaml: pallets: unknown pallet model 't12'; did you"),
-    (
-        "recording.yaml",
-        "[3.0, 2.0]",
-        "[3.0, -0.1]",
-        "recording.yaml: shelf: at the first shot the camera is on",
-    ),
+    ("recording.yaml", "[3.0, 2.0]", "[3.0, -0.1]", "recording.yaml: shelf: at the first shot the camera is on"),
     ("recording.yaml", "-90.0", "90.0", "recording.yaml: shelf: at the first shot the camera is behind"),
     ("recording.yaml", "[0.0]", "[.inf]", "recording.yaml: shelf.levels_m[0]: expected a finite number"),
-    (
-        "shots.csv",
-        "0.5,images",
-        "half,images",
-        "shots.csv, line 3: time_s: expected a finite number, got 'half'",
-    ),
-    (
-        "shots.csv",
-        "1.5,images",
-        "1.0,images",
-        "shots.csv, line 5: time_s: 1.0 repeats 1.0 of line 4; expected",
-    ),
+    ("shots.csv", "0.5,images", "half,images", "shots.csv, line 3: time_s: expected a finite number, got 'half'"),
+    ("shots.csv", "1.5,images", "1.0,images", "shots.csv, line 5: time_s: 1.0 repeats 1.0 of line 4; expected"),
     ("shots.csv", "1.0,images", "0.1,images", "shots.csv, line 4: time_s: 0.1 is earlier than 0.5 of line 3"),
-    (
-        "shots.csv",
-        "time_s,file",
-        "time,file",
-        "shots.csv, line 1: unknown column 'time'; did you mean 'time_s'?",
-    ),
+    ("shots.csv", "time_s,file", "time,file", "shots.csv, line 1: unknown column 'time'; did you mean 'time_s'?"),
     ("odometry.csv", "0.8,0.0", "0.8,nan", "odometry.csv, line 4: y_m: expected a finite number, got 'nan'"),
     ("odometry.csv", "0.2,0.4,0.1", "0.2,0.4", "odometry.csv, line 4: expected 6 cells, got 5"),
 ]
@@ -153,22 +131,13 @@ def test_a_missing_file_is_one_line(localize: Localize, name: str, capsys: pytes
 @pytest.mark.parametrize(
     ("arguments", "problem"),
     [
-        (
-            ["none", "--out", "out"],
-            "none: no such folder; expected a recording with recording.yaml in it",
-        ),
+        (["none", "--out", "out"], "none: no such folder; expected a recording with recording.yaml in it"),
         (["approach/shots.csv", "--out", "out"], "no such folder; expected a recording"),
         (["approach", "--out", "approach/shots.csv"], "shots.csv: cannot be written: "),
         (["approach", "--out", "out", "--config", "none.yaml"], "none.yaml: no such file"),
-        (
-            ["approach", "--out", "out", "--config", "approach/shots.csv"],
-            "shots.csv: expected the keys prior",
-        ),
+        (["approach", "--out", "out", "--config", "approach/shots.csv"], "shots.csv: expected the keys prior"),
         (["approach", "--out", "out", "--initial", "none.csv"], "none.csv: no such file"),
-        (
-            ["approach", "--out", "out", "--initial", "approach/shots.csv"],
-            "shots.csv, line 1: unknown column",
-        ),
+        (["approach", "--out", "out", "--initial", "approach/shots.csv"], "shots.csv, line 1: unknown column"),
     ],
 )
 def test_a_bad_argument_is_one_line_and_leaves_nothing(

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -39,10 +37,7 @@ def test_after_a_strict_stop_a_mended_recording_can_be_resumed(
     Path("approach/images/2.png").write_bytes(good)
     capsys.readouterr()
     assert localize("--strict", "--resume", "--verbose") == 0
-    assert [line.split(":")[1] for line in capsys.readouterr().err.splitlines()] == [
-        " images/2.png",
-        " images/3.png",
-    ]
+    assert [line.split(":")[1] for line in capsys.readouterr().err.splitlines()] == [" images/2.png", " images/3.png"]
     assert status()["done"] == 4
 
 

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -9,14 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from palletloc.cameras import Equirectangular, Pinhole
-from palletloc.drawing.outline import (
-    face_outline,
-    place_outline,
-    project_line,
-    sampled,
-    seen_on_plane,
-    stretches_of,
-)
+from palletloc.drawing.outline import face_outline, place_outline, project_line, sampled, seen_on_plane, stretches_of
 from palletloc.face import EdgeKind, face_lines
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.pallet import PalletModel
@@ -98,8 +89,7 @@ def test_the_faces_right_side_is_the_pallets_minus_y() -> None:
 
 
 @given(
-    point=st.tuples(*[st.floats(-2, 2)] * 3),
-    camera=st.tuples(st.floats(-2, 2), st.floats(-2, 2), st.floats(2.5, 6)),
+    point=st.tuples(*[st.floats(-2, 2)] * 3), camera=st.tuples(st.floats(-2, 2), st.floats(-2, 2), st.floats(2.5, 6))
 )
 def test_a_point_and_where_a_plane_shows_it_lie_on_one_ray(
     point: tuple[float, float, float], camera: tuple[float, float, float]

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -10,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle
 
 from palletloc.candidate import Candidate, Fit, Refusal, last_step
-from palletloc.drawing.canvas import WIDTH_PX, png
+from palletloc.drawing.canvas import WIDTH_PX
 from palletloc.drawing.face_figure import face_figure
 from palletloc.drawing.search_figure import search_figure
 from palletloc.drawing.stages import stage_pictures
@@ -23,6 +21,8 @@ from palletloc.pallet import PalletModel
 from palletloc.refinement.face_fit import FaceEstimate
 from palletloc.refinement.search import Search
 from palletloc.shot import Shot
+
+Check = Callable[[Figure], None]
 
 POSE = LevelPose(0.4, 2.0, 0.0, np.radians(91))
 
@@ -59,22 +59,6 @@ def far(near: Fit) -> Fit:
     """Return a fit that was looked for coarsely first, and closer around three peaks."""
     found = search_of(near)
     return replace(near, steps=(replace(found, finer=(found,) * 3),))
-
-
-def require_readable(figure: Figure) -> None:
-    """Check that texts beside the axes and the axes' labels lie on the page and cover no other."""
-    png(figure)  # places the texts
-    width, height = figure.get_size_inches() * figure.dpi
-    outside = [text for text in figure.texts if text.get_text()]
-    outside += [label for axes in figure.axes for label in (axes.xaxis.label, axes.yaxis.label) if label.get_text()]
-    outside += [text for legend in figure.legends for text in legend.get_texts()]
-    boxes = np.array([text.get_window_extent().extents for text in outside])
-    assert (boxes[:, :2] >= 0).all()
-    assert (boxes[:, 2] <= width).all()
-    assert (boxes[:, 3] <= height).all()
-    low, high = boxes[:, :2], boxes[:, 2:]
-    shared = np.minimum(high[:, None], high) - np.maximum(low[:, None], low)
-    assert not (np.all(shared > 1.0, axis=-1) & ~np.eye(len(boxes), dtype=bool)).any()
 
 
 def label_of(figure: Figure, start: str) -> str:
@@ -123,7 +107,7 @@ def test_both_stages_of_a_coarse_search_are_shown(far: Fit) -> None:
     assert len(maps) == 1 + len(search_of(far).finer)
 
 
-def test_search_figures_are_readable(near: Fit, far: Fit) -> None:
+def test_search_figures_are_readable(require_readable: Check, near: Fit, far: Fit) -> None:
     unfitted = Refusal(near.candidate, Stage.POSITION, Reason.FEW_EDGES, None, near.steps)
     for outcome in (near, far, unfitted):
         figure = search_figure("P1", outcome)
@@ -141,7 +125,7 @@ def test_without_a_search_there_is_nothing_to_draw(t11: PalletModel) -> None:
         search_figure("C1", Refusal(Candidate(t11, POSE), Stage.START, Reason.BEHIND_FACE))
 
 
-def test_the_face_figure_lists_every_edge(near: Fit, shot: Shot, t11: PalletModel) -> None:
+def test_the_face_figure_lists_every_edge(require_readable: Check, near: Fit, shot: Shot, t11: PalletModel) -> None:
     figure = face_figure("P1", near, shot)
     require_readable(figure)
     cells = {text.get_text() for axes in figure.axes for text in axes.texts}
@@ -152,7 +136,9 @@ def test_the_face_figure_lists_every_edge(near: Fit, shot: Shot, t11: PalletMode
             assert f"{1000 * account.measured.fit.offset:+.1f}".replace("-", "\N{MINUS SIGN}") in cells
 
 
-def test_the_face_figure_tells_rejected_and_unseen_edges(near: Fit, shot: Shot, t11: PalletModel) -> None:
+def test_the_face_figure_tells_rejected_and_unseen_edges(
+    require_readable: Check, near: Fit, shot: Shot, t11: PalletModel
+) -> None:
     seen = replace(face_of(near).seen, edges=face_of(near).seen.edges[1:])
     weights = np.append(np.ones(len(seen.edges) - 1), 0.0)
     worse = replace(near, face=replace(face_of(near), seen=seen, weights=weights))
@@ -170,7 +156,7 @@ def test_refined_candidates_have_their_pictures_also_where_refused(shot: Shot, t
     assert len([stage for stage in stages if stage.startswith("3-search")]) == 2
 
 
-def test_what_stands_before_the_face_is_shown(near: Fit, shot: Shot) -> None:
+def test_what_stands_before_the_face_is_shown(require_readable: Check, near: Fit, shot: Shot) -> None:
     edges = face_of(near).seen.edges
     right = next(e.edge for e in edges if e.edge.kind is EdgeKind.SIDE and e.edge.outward[0] > 0)
     kept = [i for i, measured in enumerate(edges) if measured.edge != right]

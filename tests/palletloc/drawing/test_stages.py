@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -37,6 +35,8 @@ from palletloc.plane import PALLET_FROM_VERTICAL, place_plane
 from palletloc.shelf import ShelfPlane
 from palletloc.shot import Shot
 
+Check = Callable[[Figure], None]
+
 SHELF = ShelfPlane(1.0, 2.0, np.radians(-90.0), (0.0,))
 Placed = tuple[PalletModel, LevelPose]
 
@@ -65,27 +65,6 @@ def found(explained: Explanation) -> Fit:
     pallet = dict(name_candidates(explained))["P1"]
     assert isinstance(pallet, Fit)
     return pallet
-
-
-def page_of(figure: Figure) -> tuple[float, float]:
-    width, height = figure.get_size_inches() * figure.dpi
-    return float(width), float(height)
-
-
-def require_readable(figure: Figure) -> None:
-    """Check that all texts outside the axes lie on the page and cover no other."""
-    png(figure)  # places the texts
-    width, height = page_of(figure)
-    outside = [text for text in figure.texts if text.get_text()]
-    outside += [label for axes in figure.axes for label in (axes.xaxis.label, axes.yaxis.label) if label.get_text()]
-    outside += [text for legend in figure.legends for text in legend.get_texts()]
-    boxes = np.array([text.get_window_extent().extents for text in outside])
-    assert (boxes[:, :2] >= 0).all()
-    assert (boxes[:, 2] <= width).all()
-    assert (boxes[:, 3] <= height).all()
-    low, high = boxes[:, :2], boxes[:, 2:]
-    shared = np.minimum(high[:, None], high) - np.maximum(low[:, None], low)
-    assert not (np.all(shared > 1.0, axis=-1) & ~np.eye(len(boxes), dtype=bool)).any()
 
 
 def test_the_pictures_are_numbered_in_the_order_of_the_stages(pictures: list[Picture]) -> None:
@@ -142,7 +121,7 @@ def test_other_methods_have_their_pictures(method: Method, portrait: Callable[..
     assert ("2-yaw-P1" in stages) == (method is Method.PAPER)
 
 
-def test_figures_are_readable(explained: Explanation, found: Fit, floor_shot: Shot) -> None:
+def test_figures_are_readable(require_readable: Check, explained: Explanation, found: Fit, floor_shot: Shot) -> None:
     named = name_candidates(explained)
     require_readable(shelf_figure(explained.shelf_views, named))
     require_readable(horizontal_figure("P1", found))
@@ -258,7 +237,7 @@ def test_the_map_has_a_row_of_numbers_for_each_pallet(t11: PalletModel) -> None:
     assert {"P1", "0.500", "2.000", "1.900", "8.0", "4.0", "85.94"} <= set(cells)
 
 
-def test_the_pallet_lies_behind_its_front_on_the_map(t11: PalletModel) -> None:
+def test_the_pallet_lies_behind_its_front_on_the_map(require_readable: Check, t11: PalletModel) -> None:
     figure = plan(0.003, LevelPose(2.0, 1.9, 0.0, np.pi / 2), t11, shelf=SHELF)
     outlines = [patch.get_xy() for patch in figure.axes[0].patches if isinstance(patch, Polygon)]
     corners = np.asarray(outlines[0])

@@ -123,11 +123,7 @@ def test_without_a_variance_an_error_is_infinite_with_its_sign() -> None:
 
 @pytest.mark.parametrize(
     ("factor", "verdict"),
-    [
-        (1.0, Consistency.CONSISTENT),
-        (0.25, Consistency.OVERCONFIDENT),
-        (4.0, Consistency.UNDERCONFIDENT),
-    ],
+    [(1.0, Consistency.CONSISTENT), (0.25, Consistency.OVERCONFIDENT), (4.0, Consistency.UNDERCONFIDENT)],
 )
 def test_covariances_of_a_wrong_size_are_told(factor: float, verdict: Consistency) -> None:
     errors, covariance = drawn(200, factor)

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2
@@ -39,12 +37,7 @@ def folder(tmp_path: Path) -> Path:
     """Return a small recording, written without the code under test."""
     folder = tmp_path / "approach"
     (folder / "images").mkdir(parents=True)
-    texts = {
-        "recording.yaml": RECORDING,
-        "pallets.yaml": PALLETS,
-        "shots.csv": SHOTS,
-        "odometry.csv": ODOMETRY,
-    }
+    texts = {"recording.yaml": RECORDING, "pallets.yaml": PALLETS, "shots.csv": SHOTS, "odometry.csv": ODOMETRY}
     for name, text in texts.items():
         (folder / name).write_text(text)
     rng = np.random.default_rng(1)

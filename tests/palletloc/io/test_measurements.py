@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -11,13 +9,7 @@ from numpy.testing import assert_allclose
 
 from palletloc.geometry import LevelPose
 from palletloc.io.csv_table import TableError
-from palletloc.io.measurements import (
-    NoPose,
-    read_measurements,
-    read_refusals,
-    write_measurements,
-    write_refusals,
-)
+from palletloc.io.measurements import NoPose, read_measurements, read_refusals, write_measurements, write_refusals
 from palletloc.measurement import PalletMeasurement, Reason, RefusedCandidate, Stage, YawSource
 
 HEADER = (

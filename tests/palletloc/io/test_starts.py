@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
@@ -24,10 +22,7 @@ def test_starts_of_one_shot_come_together_and_in_order(tmp_path: Path) -> None:
     path = starts_file(tmp_path, "0.3368,b,1,2,0,0.5", "0.336842,a,1.5,2,0,0.5", "0,a,1,1,0,0")
     groups = read_starts(path, SHOTS)
     assert [group.shot.file for group in groups] == ["1.jpg", "0.jpg"]
-    assert groups[0].starts == (
-        Start("b", LevelPose(1.0, 2.0, 0.0, 0.5)),
-        Start("a", LevelPose(1.5, 2.0, 0.0, 0.5)),
-    )
+    assert groups[0].starts == (Start("b", LevelPose(1.0, 2.0, 0.0, 0.5)), Start("a", LevelPose(1.5, 2.0, 0.0, 0.5)))
 
 
 def test_a_file_that_comes_back_to_a_shot_keeps_its_order(tmp_path: Path) -> None:

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -67,11 +65,7 @@ def test_the_other_cameras_are_read(tmp_path: Path, camera: str) -> None:
         ("width: 3840, ", "", r": camera\.width: is missing"),
         ("format: 1\n", "", r": format: is missing"),
         ("format: 1", "format: 2", r": format: .*, got 2"),
-        (
-            "model: equirectangular",
-            "model: equirect",
-            r": camera: unknown model 'equirect'; did you mean 'equir",
-        ),
+        ("model: equirectangular", "model: equirect", r": camera: unknown model 'equirect'; did you mean 'equir"),
         ("model: equirectangular, ", "", r": camera: expected a mapping with the key model"),
         (CAMERA, "none", r": camera: expected a mapping, got 'none'"),
         ("width: 3840", "width: 0", r": camera\.width: .*, got 0"),
@@ -94,17 +88,9 @@ def test_the_other_cameras_are_read(tmp_path: Path, camera: str) -> None:
         ("[t11-plastic]", "t11-plastic", r": pallets: expected a list, got 't11-plastic'"),
         ("[t11-plastic]", "[1200]", r": pallets\[0\]: .*, got 1200"),
         (CAMERA, FISHEYE.replace("280,", "-280,"), r": camera\.focal_px: expected 2 finite positive numbers"),
-        (
-            CAMERA,
-            FISHEYE.replace("[0.01, 0, 0, 0]", "[0, 0]"),
-            r": camera\.distortion: expected 4 finite numbers",
-        ),
+        (CAMERA, FISHEYE.replace("[0.01, 0, 0, 0]", "[0, 0]"), r": camera\.distortion: expected 4 finite numbers"),
         (CAMERA, FISHEYE.replace(": 95", ": 190"), r": camera\.max_angle_deg: .*, got 190"),
-        (
-            CAMERA,
-            DUAL.replace("center_px", "centre_px"),
-            r": camera\.lenses\[0\]: unknown key 'centre_px'; did you",
-        ),
+        (CAMERA, DUAL.replace("center_px", "centre_px"), r": camera\.lenses\[0\]: unknown key 'centre_px'; did you"),
         (CAMERA, DUAL.replace(f", {LENS}", ""), r": camera\.lenses: expected at least 2 in the list"),
         ("format: 1", "format: 1\nformat: 1", r", line 2: is not yaml: key 'format' stands there twice"),
         ("[3.84, 1.78]", "[3.84, 1.78", r", line \d+: is not yaml: "),

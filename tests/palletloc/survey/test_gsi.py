@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import math
 import re
 from pathlib import Path
@@ -97,11 +95,7 @@ def test_a_bad_line_is_listed_with_number_and_reason(line: str, said: str) -> No
 
 
 @settings(max_examples=100)
-@given(
-    place=st.integers(0, len(TEXT) - 1),
-    cut=st.integers(0, 30),
-    put=st.text("0123456789+-. *A\r\n\t", max_size=4),
-)
+@given(place=st.integers(0, len(TEXT) - 1), cut=st.integers(0, 30), put=st.text("0123456789+-. *A\r\n\t", max_size=4))
 def test_whatever_is_done_to_a_file_each_line_is_read_or_listed(place: int, cut: int, put: str) -> None:
     text = TEXT[:place] + put + TEXT[place + cut :]
     try:
@@ -169,12 +163,7 @@ def test_the_unit_digit_alone_scales_a_length(text: str, metres: float) -> None:
 # One direction in the four units that instruments offer, taken from a file in which all stand side by side.
 @pytest.mark.parametrize(
     "text",
-    [
-        "21.322+0000000027746405",
-        "21.323+0000000024971765",
-        "21.324+0000000024943035",
-        "21.325+0000000044394248",
-    ],
+    ["21.322+0000000027746405", "21.323+0000000024971765", "21.324+0000000024943035", "21.325+0000000044394248"],
 )
 def test_angles_of_all_units_are_one_direction(text: str) -> None:
     assert word(text).measure() == pytest.approx(math.radians(249 + 43 / 60 + 3.5 / 3600), abs=1e-6)

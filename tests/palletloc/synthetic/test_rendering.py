@@ -1,7 +1,5 @@
 """Edges in pictures are where projected points of the solids are; rays see what is there."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
@@ -26,7 +24,7 @@ Poses = Callable[..., Any]
 
 CLOSE = 0.02  # px: rays that pass a surface closer than a hundredth of a pixel hit it
 PLACE = LevelPose(2.0, 0.1, 0.6, 0.12)
-EQUIRECTANGULAR, PINHOLE = Equirectangular(1400, 700), Pinhole(640, 480, 420.0, 420.0, 319.5, 239.5)
+EQUIRECTANGULAR, PINHOLE = Equirectangular(1000, 500), Pinhole(640, 480, 420.0, 420.0, 319.5, 239.5)
 
 
 def face_line(start: tuple[float, float], end: tuple[float, float]) -> FloatArray:
@@ -226,11 +224,7 @@ def test_a_camera_that_sees_nothing_is_refused() -> None:
         width, height, period_px = 4, 4, None
 
         def unproject(self, pixels: FloatArray) -> Any:
-            return (
-                np.full((*pixels.shape[:-1], 3), np.nan),
-                np.zeros((*pixels.shape[:-1], 3)),
-                pixels[..., 0] > 9,
-            )
+            return (np.full((*pixels.shape[:-1], 3), np.nan), np.zeros((*pixels.shape[:-1], 3)), pixels[..., 0] > 9)
 
     with pytest.raises(ValueError, match="sees nothing"):
         camera_rays(Blind())  # type: ignore[arg-type]

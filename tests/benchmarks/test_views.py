@@ -10,21 +10,11 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from benchmarks.scenes import FULL_WIDTH, draw_scene
 from benchmarks.views import MOST_HIDDEN, Exposure, HeightClass, ShotViews, expose, height_class, look, recorded
 from benchmarks.visibility import face_points, hidden_share
-from palletloc import (
-    Candidate,
-    Explanation,
-    Fit,
-    LevelPose,
-    Localizer,
-    PalletModel,
-    Refusal,
-    ShelfPlane,
-    Shot,
-    load_library,
-)
+from palletloc import Candidate, Explanation, Fit, LevelPose, Localizer, PalletModel, Refusal, ShelfPlane, Shot
 from palletloc.cameras import CameraModel, Equirectangular
 from palletloc.choices import CameraKind, Illumination, Side
 from palletloc.measurement import Reason, Stage, YawSource
+from palletloc.pallet_library import load_library
 from palletloc.synthetic.pallet_solid import PalletBody
 from palletloc.synthetic.rays import camera_rays
 from palletloc.synthetic.rendering import lit, render

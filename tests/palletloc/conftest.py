@@ -8,19 +8,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from palletloc import (
-    LevelPose,
-    Localizer,
-    LocalizerConfig,
-    Method,
-    Mounting,
-    Opening,
-    PalletModel,
-    Shot,
-    load_library,
-)
+from palletloc import Localizer, LocalizerConfig, Method, Mounting, Opening, PalletModel, Shot, load_library
 from palletloc.cameras import CameraModel, Equirectangular, Pinhole
-from palletloc.geometry import FloatArray
+from palletloc.geometry import FloatArray, LevelPose
 from palletloc.plane import PlaneGrid, PlaneView
 from palletloc.synthetic.materials import CARTONS, CEILING, CONCRETES, PAINTS, PLASTERS, PLASTICS, WOODS
 from palletloc.synthetic.pallet_solid import PalletBody

@@ -5,21 +5,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
-from palletloc import (
-    Fit,
-    LevelPose,
-    Localizer,
-    LocalizerConfig,
-    Method,
-    PalletMeasurement,
-    PalletModel,
-    ShelfPlane,
-    Shot,
-    Start,
-)
+from palletloc import Fit, LevelPose, Localizer, LocalizerConfig, Method, PalletModel, ShelfPlane, Shot, Start
 from palletloc.footprint import overlapping
 from palletloc.geometry import level_pose
-from palletloc.measurement import Reason, Stage, YawSource
+from palletloc.measurement import PalletMeasurement, Reason, Stage, YawSource
 from palletloc.paper.joint_search import JointSearchConfig
 from palletloc.shelf_view import ShelfPlaneError
 from tests.palletloc.poses import Makes, Pallets, Portrait, slid

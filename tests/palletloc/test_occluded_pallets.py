@@ -11,15 +11,8 @@ from palletloc.face import face_lines
 from palletloc.geometry import FloatArray
 from palletloc.measurement import Reason
 from palletloc.methods import measure_refined
-from palletloc.refinement.face_fit import (
-    EDGES_PER_NAT,
-    HIDDEN_DOUBT,
-    FaceEstimate,
-    FaceFitConfig,
-    FacePrior,
-    YawPrior,
-    fit_face,
-)
+from palletloc.refinement import face_fit
+from palletloc.refinement.face_fit import FaceEstimate, FaceFitConfig, FacePrior, YawPrior, fit_face
 from tests.palletloc.poses import CONFIG, FLOOR, POSE, Portrait, found, moved
 
 LENS_BLUR = 0.7
@@ -182,8 +175,8 @@ def test_a_hidden_edge_counts_half_and_more_hidden_than_allowed_is_refused(
     missing = seen.expected - sum(
         edge.evidence_weight * weight for edge, weight in zip(seen.edges, found.weights, strict=True)
     )
-    free = missing + max(found.chi2 - 1.0, 0.0) - EDGES_PER_NAT * found.behind
-    assert found.doubt - free == pytest.approx(HIDDEN_DOUBT * len(found.hidden))
+    free = missing + max(found.chi2 - 1.0, 0.0) - face_fit.EDGES_PER_NAT * found.behind
+    assert found.doubt - free == pytest.approx(face_fit.HIDDEN_DOUBT * len(found.hidden))
     shot = behind(portrait(t11, POSE), 0.1, 0.42)
     part = estimate(shot, t11).seen.hidden_part
     assert 0.1 < part < FaceFitConfig().max_hidden

@@ -8,21 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
-from palletloc import (
-    Candidate,
-    Explanation,
-    Fit,
-    LevelPose,
-    Mounting,
-    PalletModel,
-    Refusal,
-    RefusedCandidate,
-    ShelfPlane,
-    Shot,
-)
+from palletloc import Candidate, Explanation, Fit, LevelPose, Mounting, PalletModel, Refusal, ShelfPlane, Shot
 from palletloc.cameras import CameraModel, DualFisheye, Equirectangular, FisheyeLens, KannalaBrandt, Pinhole
 from palletloc.candidate import last_step, steps_of
-from palletloc.measurement import Reason, Stage, YawSource
+from palletloc.measurement import Reason, RefusedCandidate, Stage, YawSource
 from palletloc.plane import PALLET_FROM_HORIZONTAL, PALLET_FROM_VERTICAL, PlaneGrid
 from palletloc.projection import Projector
 from palletloc.shot import BRIGHT, MIN_DISTANCE, MOST_GAIN, out_of_sight, points_about, shelf_points

@@ -7,13 +7,13 @@ from scipy.spatial.transform import RigidTransform
 from palletloc import LevelPose, PalletModel, Shot
 from palletloc.geometry import BoolArray, FloatArray
 from palletloc.measurement import Reason, YawSource
+from palletloc.paper import horizontal_view
 from palletloc.paper.boundary import BoundaryLine, boundary_lines
 from palletloc.paper.horizontal_view import (
     BoundaryMethod,
     HorizontalView,
     YawConfig,
     horizontal_source,
-    line_up,
     view_horizontal,
 )
 from palletloc.paper.yaw import YawEstimate, find_lines, measure_line, measure_yaw
@@ -184,7 +184,7 @@ def test_every_level_edge_of_a_face_is_in_the_view(source: YawSource, portrait: 
         # the edge's point over the plane, seen from the camera
         point = np.array([0.0, 0.0, height - seen.height])
         reached = camera + (point - camera) * camera[2] / (camera[2] - point[2])
-        assert line_up(height - seen.height, camera) == pytest.approx(reached[1])
+        assert horizontal_view.line_up(height - seen.height, camera) == pytest.approx(reached[1])
         assert low < reached[1] - CONFIG.search + 1e-9
         assert reached[1] + CONFIG.search - 1e-9 < high
     assert grid.left < -epal.width / 2
@@ -192,9 +192,9 @@ def test_every_level_edge_of_a_face_is_in_the_view(source: YawSource, portrait: 
 
 def test_an_edge_on_the_plane_is_where_it_is_and_a_higher_one_farther() -> None:
     camera = np.array([0.2, -2.0, 1.8])
-    assert line_up(0.0, camera) == 0.0
-    assert line_up(0.1, camera) > 0.05
-    assert line_up(-0.1, camera) < -0.05
+    assert horizontal_view.line_up(0.0, camera) == 0.0
+    assert horizontal_view.line_up(0.1, camera) > 0.05
+    assert horizontal_view.line_up(-0.1, camera) < -0.05
 
 
 def test_a_place_farther_on_the_ray_gives_a_similar_picture(portrait: Portrait, t11: PalletModel) -> None:

@@ -12,13 +12,8 @@ from palletloc.cameras import CameraModel, Equirectangular, Pinhole
 from palletloc.geometry import FloatArray, Image, wrap_angle
 from palletloc.measurement import Reason
 from palletloc.plane import PALLET_FROM_VERTICAL
-from palletloc.refinement.hypotheses import (
-    HypothesisGrid,
-    HypothesisScores,
-    SearchConfig,
-    score_hypotheses,
-    score_pose,
-)
+from palletloc.refinement import hypotheses
+from palletloc.refinement.hypotheses import HypothesisGrid, SearchConfig, score_hypotheses, score_pose
 from palletloc.refinement.patch import FacePatch, view_patch
 from palletloc.refinement.samples import face_samples
 from palletloc.shot import MIN_DISTANCE
@@ -47,7 +42,7 @@ SINGLE = grid_of(np.zeros(1), np.ones(1), np.zeros(1))
 WIDE = grid_of(np.linspace(-20, 20, 21), np.linspace(0.85, 1.15, 31), np.linspace(-0.06, 0.06, 13))
 
 
-def nearest(found: HypothesisScores, truth: LevelPose) -> tuple[float, float]:
+def nearest(found: hypotheses.HypothesisScores, truth: LevelPose) -> tuple[float, float]:
     """How far the nearest peak is from the truth, in metres and degrees."""
     away = []
     for peak in found.peaks:

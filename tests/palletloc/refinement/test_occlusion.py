@@ -14,10 +14,8 @@ from palletloc.edge_fit import EdgeFit, EdgePeaks
 from palletloc.face import EdgeKind, FaceEdge, face_lines
 from palletloc.geometry import FloatArray
 from palletloc.plane import PALLET_FROM_VERTICAL
+from palletloc.refinement import occlusion
 from palletloc.refinement.occlusion import (
-    BINS,
-    LEAST_WIDTH,
-    MOSTLY,
     explained_part,
     hidden_part,
     hidden_spans,
@@ -32,7 +30,7 @@ from tests.palletloc.poses import Paints
 OPENINGS = tuple(Opening(center, 0.022, 0.3825, 0.1) for center in (-0.26375, 0.26375))
 MODEL = PalletModel("two_openings", 1.2, 0.144, 0.8, OPENINGS)
 HALF = MODEL.width / 2
-BIN = MODEL.width / BINS
+BIN = MODEL.width / occlusion.BINS
 LINE = EdgeFit(0.0, 0.0, 1e-4, 1e-4, 1.0, 10.0)
 TOLERANCE = 0.003
 KINDS = (EdgeKind.TOP, EdgeKind.BOTTOM, EdgeKind.OPENING_TOP, EdgeKind.OPENING_BOTTOM)
@@ -132,7 +130,7 @@ def test_stretches_ascend_and_lie_inside_the_face(lost: Spans) -> None:
         face.lose(left, right)
     ends = np.array([-HALF, *(end for span in face.hidden() for end in span), HALF])
     assert (np.diff(ends) >= -1e-9).all()
-    assert (np.diff(ends)[1::2] > (LEAST_WIDTH - 0.01) * BIN).all()
+    assert (np.diff(ends)[1::2] > (occlusion.LEAST_WIDTH - 0.01) * BIN).all()
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -219,7 +217,7 @@ def test_an_edge_is_hidden_where_most_of_it_is(spans: Spans) -> None:
     for line in face_lines(MODEL):
         edge: FaceEdge = line.whole
         part = hidden_part(edge.start[0], edge.end[0], spans)
-        assert is_hidden(edge, spans) is (part > MOSTLY)
+        assert is_hidden(edge, spans) is (part > occlusion.MOSTLY)
         if not edge.horizontal:
             assert is_hidden(edge, spans) is any(low <= edge.start[0] <= high for low, high in spans)
 

@@ -72,7 +72,7 @@ def test_each_band_is_searched_where_there_are_levels_and_else_the_whole_plane(
     assert all(hits(found, model, pose) for model, pose in rack_pallets)
 
 
-def test_detections_of_a_model_on_a_level_stand_apart(floor_shot: Shot, floor_pallets: Pallets) -> None:
+def test_detections_stand_apart_and_are_the_same_every_time(floor_shot: Shot, floor_pallets: Pallets) -> None:
     models = [model for model, _ in floor_pallets]
     found, _ = detected(floor_shot, models)
     for model in models:
@@ -81,10 +81,6 @@ def test_detections_of_a_model_on_a_level_stand_apart(floor_shot: Shot, floor_pa
         for i, place in enumerate(places):
             for other in places[:i]:
                 assert np.hypot(place.x - other.x, place.y - other.y) >= 0.9 * CONFIG.min_depth_spacing
-
-
-def test_the_same_shot_gives_the_same_detections(floor_shot: Shot, floor_pallets: Pallets) -> None:
-    models = [model for model, _ in floor_pallets]
     assert detected(floor_shot, models)[0] == detected(floor_shot, models)[0]
 
 

@@ -125,7 +125,7 @@ def test_each_edge_has_its_own_reach_and_a_slope_towards_one_beyond_is_no_peak()
     np.testing.assert_allclose(peaks.offset[1], 0.02, atol=0.1 * PIXEL)
 
 
-def test_edges_measured_together_are_as_measured_alone() -> None:
+def test_edges_measured_together_or_in_stretches_are_as_measured_alone() -> None:
     gradient = gradient_across(noisy(step_image(0.2 * PIXEL), 3.0).astype(np.uint8), True, 1.0, 1.0)
     starts, ends = np.array([[-0.5, 0.0], [-0.1, 0.004]]), np.array([[0.5, 0.0], [0.2, 0.004]])
     together = edge_peaks(gradient, GRID, starts, ends, UP, np.full(2, REACH))
@@ -135,9 +135,6 @@ def test_edges_measured_together_are_as_measured_alone() -> None:
     assert fits[0] == fitted(alone)
     assert fits[1] is not None
     assert fits[1].offset == pytest.approx(0.2 * PIXEL - 0.004, abs=0.15 * PIXEL)
-
-
-def test_stretches_of_a_line_give_the_line_of_the_whole() -> None:
     gradient = gradient_across(step_image(0.4 * PIXEL, 0.01).astype(np.uint8), True, 1.0, 1.0)
     starts = np.array([[-0.5, 0.0], [-0.1, 0.0], [0.3, 0.0]])
     ends = np.array([[-0.3, 0.0], [0.1, 0.0], [0.5, 0.0]])

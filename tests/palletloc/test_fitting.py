@@ -101,16 +101,15 @@ def test_a_good_start_leads_to_its_pallet(truth: LevelPose, pair: Shot, t11: Pal
     assert found.pose == found.face.forklift_from_pallet
 
 
-def test_the_first_that_leaves_no_doubt_ends_the_search(pair: Shot, t11: PalletModel) -> None:
+def test_a_fit_that_leaves_no_doubt_or_is_beyond_it_ends_the_search_if_its_yaw_is_known(
+    pair: Shot, t11: PalletModel
+) -> None:
     for weak in (False, True):
         called, found = tried(pair, t11, [LEFT, RIGHT], weak, CERTAIN)
         face = fit_of(found).face
         assert face is not None
         assert face.doubt < 4.0
         assert called == ([LEFT, RIGHT] if weak else [LEFT])
-
-
-def test_a_pallet_beyond_doubt_ends_the_search_where_its_yaw_is_known(pair: Shot, t11: PalletModel) -> None:
     doubting = replace(CONFIG, face_fit=replace(CONFIG.face_fit, max_doubt=-0.5))
     for weak in (False, True):
         called, found = tried(pair, t11, [LEFT, RIGHT], weak, doubting)

@@ -72,17 +72,14 @@ def test_without_levels_pallets_are_found_where_their_uprights_confirm_the_range
     assert any(row.model == rounded.name and row.reason is uncertain for row in explained.refusals)
 
 
-def test_localize_returns_what_explain_explains(floor_localizer: Makes, floor_shot: Shot, straight: Rows) -> None:
+def test_localize_returns_what_explain_explains_whatever_came_before(
+    floor_localizer: Makes, floor_shot: Shot, straight: Rows, blank_shot: Shot
+) -> None:
     explained = floor_localizer().explain(replace(floor_shot, time=1.5, file="a.jpg"), SHELF)
     assert values(straight) == values(explained.measurements)
     assert len(explained.detections) == len(explained.outcomes)
     assert len(explained.measurements) + len(explained.refusals) == len(explained.outcomes)
     assert {(row.time, row.file) for row in explained.refusals} == {(1.5, "a.jpg")}
-
-
-def test_the_same_shot_gives_the_same_result_whatever_came_before(
-    floor_localizer: Makes, floor_shot: Shot, blank_shot: Shot, straight: Rows
-) -> None:
     localizer, shot = floor_localizer(), replace(floor_shot, time=1.5, file="a.jpg")
     localizer.localize(blank_shot, replace(SHELF, y=2.3))
     for _ in range(2):

@@ -160,7 +160,9 @@ def test_no_openings_one_aside_or_uneven_blocks_weaken_the_contrast(epal: Pallet
     assert face_contrast(uneven, epal) < 0.5 * face_contrast(view, epal)
 
 
-def test_the_less_clear_opening_counts(epal: PalletModel, draw_face: Draw) -> None:
+def test_the_less_clear_opening_counts_and_colour_tells_what_gray_does_not(
+    epal: PalletModel, draw_face: Draw
+) -> None:
     view = noisy(draw_face(epal, GRID, STRAIGHT))
     half = view.image.copy()
     half[:, GRID.columns // 2 :] = noisy(draw_face(epal, GRID, STRAIGHT, levels=(90.0, 180.0, 180.0))).image[
@@ -168,9 +170,6 @@ def test_the_less_clear_opening_counts(epal: PalletModel, draw_face: Draw) -> No
     ]
     assert face_contrast(replace(view, image=half), epal) < 1.5
     assert face_contrast(replace(view, image=half[:, ::-1]), epal) < 1.5
-
-
-def test_colour_tells_what_gray_does_not(epal: PalletModel, draw_face: Draw) -> None:
     blue = noisy(draw_face(epal, GRID, STRAIGHT, levels=(90.0, 170.0, 90.0))).image
     red = noisy(draw_face(epal, GRID, STRAIGHT, levels=(90.0, 90.0, 170.0))).image
     view = draw_face(epal, GRID, STRAIGHT)
@@ -233,7 +232,9 @@ def patch(portrait: Portrait, epal: PalletModel) -> FacePatch:
     return found
 
 
-def test_each_opening_is_compared_with_the_blocks_beside_it(patch: FacePatch, epal: PalletModel) -> None:
+def test_each_opening_is_compared_with_the_blocks_beside_it_and_aside_contrast_is_lost(
+    patch: FacePatch, epal: PalletModel
+) -> None:
     both = opening_contrasts(patch, epal, POSE)
     assert both.shape == (2,)
     assert least_contrast(patch, epal, POSE) == both.min() > 1.5
@@ -247,9 +248,6 @@ def test_each_opening_is_compared_with_the_blocks_beside_it(patch: FacePatch, ep
     boarded[high : low + 1, first : last + 1] = boarded[row, column]
     closed = opening_contrasts(replace(patch, smooth=boarded), epal, POSE)
     assert closed[0] < 1.0 < closed[1] == pytest.approx(both[1], rel=0.3)
-
-
-def test_one_opening_aside_the_contrast_at_a_pose_is_lost(patch: FacePatch, epal: PalletModel) -> None:
     pitch = epal.openings[1].center - epal.openings[0].center
     assert least_contrast(patch, epal, moved(POSE, pitch / 2)) < 0.5 * least_contrast(patch, epal, POSE)
 

@@ -31,15 +31,12 @@ def millimetres(model: PalletModel) -> list[float]:
 # The library: dimensions as published, in millimetres.
 
 
-def test_the_1200_face_of_an_epal_1_has_the_published_parts() -> None:
+def test_both_faces_of_an_epal_1_have_the_published_parts() -> None:
     model = LIBRARY["epal1-1200"]
     assert millimetres(model) == [145, 382.5, 145, 382.5, 145]
     assert (model.height, model.depth) == (0.144, 0.8)
     levels = {(opening.bottom, round(opening.top, 6), opening.open_below) for opening in model.openings}
     assert levels == {(0.022, 0.122, False)}
-
-
-def test_the_800_face_of_an_epal_1_is_open_at_the_floor() -> None:
     model = LIBRARY["epal1-800"]
     assert millimetres(model) == [100, 227.5, 145, 227.5, 100]
     assert (model.height, model.depth) == (0.144, 1.2)
@@ -83,13 +80,10 @@ def test_the_example_is_the_pallet_of_the_recordings() -> None:
     assert replace(LIBRARY["t11-plastic"], source="", note="") == read_pallets(path)["t11-plastic"]
 
 
-def test_every_face_is_the_same_from_left_and_right() -> None:
+def test_every_face_is_symmetric_and_says_where_it_comes_from_and_what_is_assumed() -> None:
     for model in LIBRARY.values():
         mirrored = [replace(opening, center=-opening.center) for opening in reversed(model.openings)]
         assert tuple(mirrored) == model.openings
-
-
-def test_every_model_says_where_it_comes_from_and_what_is_assumed() -> None:
     for model in LIBRARY.values():
         assert model.source
         assert model.confirmed or model.note
@@ -148,15 +142,12 @@ def test_an_unknown_name_gives_the_nearest(name: str, nearest: str) -> None:
 # The form of the file.
 
 
-def test_left_out_keys_have_defaults(pallet_file: Callable[[str | bytes], Path]) -> None:
+def test_a_file_may_leave_out_keys_begin_with_a_mark_and_be_named_by_text(
+    pallet_file: Callable[[str | bytes], Path],
+) -> None:
     opening = Opening(center=0.1, bottom=0.02, width=0.3, height=0.1)
     expected = PalletModel("mine", width=1.1, height=0.144, depth=0.9, openings=(opening,))
     assert read_pallets(pallet_file(GOOD)) == {"mine": expected}
-
-
-def test_a_path_may_be_text_and_a_byte_order_mark_is_no_part_of_it(
-    pallet_file: Callable[[str | bytes], Path],
-) -> None:
     assert list(read_pallets(str(pallet_file(GOOD)))) == ["mine"]
     assert list(read_pallets(pallet_file(b"\xef\xbb\xbf" + GOOD.encode()))) == ["mine"]
 

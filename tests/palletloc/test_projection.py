@@ -240,16 +240,13 @@ def test_seen_straight_a_pixel_spans_distance_over_focal_length() -> None:
     np.testing.assert_allclose(sizes, [3.0 / 400.0, 3.0 / 200.0], rtol=1e-4)
 
 
-def test_the_seam_of_a_closed_image_is_like_any_other_place() -> None:
+def test_the_seam_is_like_any_other_place_and_what_is_not_seen_has_no_finite_size() -> None:
     camera = LENSES["equirectangular"]
     points = np.stack([np.linspace(-1e-4, 1e-4, 21), np.full(21, 0.1)], -1)
     right = np.broadcast_to([1.0, 0.0], points.shape)
     ahead = pixel_sizes(camera, placed(2.0, 0.0, -0.5, 0.0, PALLET_FROM_VERTICAL), points, right)
     behind = pixel_sizes(camera, placed(-2.0, 0.0, -0.5, np.pi, PALLET_FROM_VERTICAL), points, right)
     np.testing.assert_allclose(behind, ahead, rtol=1e-6)
-
-
-def test_what_is_not_seen_has_no_finite_size() -> None:
     camera = LENSES["pinhole"]
     sizes = pixel_sizes(camera, placed(-2.0, 0.0, 0.0, 0.0, PALLET_FROM_VERTICAL), POINTS, DIRECTIONS)
     assert np.isinf(sizes).all()

@@ -176,16 +176,15 @@ def stays(*outcomes: Outcome) -> list[bool]:
     return [isinstance(outcome, Fit) for outcome in excluded(*outcomes)]
 
 
-def test_the_better_of_two_stays_and_what_was_refused_excludes_nothing(epal: PalletModel, t11: PalletModel) -> None:
+def test_the_better_of_two_stays_and_what_was_refused_or_excluded_excludes_nothing(
+    epal: PalletModel, t11: PalletModel
+) -> None:
     weak, strong, aside = placed(epal, 0.0, 0.5), placed(t11, 0.3, 0.8), placed(epal, 1.6, 0.4)
     refused = given_up(placed(epal, 0.0, 0.99), Reason.FEW_EDGES)
     assert stays(weak, refused, strong, aside) == [False, False, True, True]
     assert excluded(weak, refused, strong, aside)[1] is refused
     wrong = given_up(placed(t11, 0.1, 0.9), Reason.OVERLAP)
     assert stays(wrong, placed(epal, 0.0, 0.8)) == [False, True]
-
-
-def test_nothing_and_what_was_excluded_excludes_nothing(epal: PalletModel) -> None:
     assert stays(*(placed(epal, 0.8 * i, 0.9 - 0.1 * i) for i in range(3))) == [True, False, True]
     unseen = Refusal(Candidate(epal, LevelPose(0.0, 2.0, 0.0, 1.5)), Stage.SEARCH, Reason.NO_PEAK)
     assert excluded() == []

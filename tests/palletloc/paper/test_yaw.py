@@ -281,7 +281,7 @@ def test_a_plain_view_or_what_is_not_seen_or_turned_too_far_gives_no_line(two_re
     assert lines_of(PlaneView(unseen.image, seen, GRID, unseen.camera_from_plane), two_region) == []
 
 
-def test_edges_find_several_lines_and_the_longest_comes_first() -> None:
+def test_edges_find_several_lines_the_longest_first_and_two_regions_the_nearest() -> None:
     long = 80.0 * shares(np.radians(-1.0), -0.05)
     short = 80.0 * shares(np.radians(3.0), 0.06)
     short[:, : GRID.columns // 2] = short[0, 0]
@@ -289,9 +289,6 @@ def test_edges_find_several_lines_and_the_longest_comes_first() -> None:
     assert [line.votes for line in lines] == sorted((line.votes for line in lines), reverse=True)
     assert lines[0].turn == pytest.approx(np.radians(-1.0), abs=2 * STEP)
     assert any(abs(line.turn - np.radians(3.0)) < 3 * STEP and abs(line.up - 0.06) < 0.008 for line in lines)
-
-
-def test_two_regions_give_the_boundary_nearest_to_the_aisle() -> None:
     levels = 170.0 - 100.0 * shares(np.radians(1.0), -0.04) + 100.0 * shares(np.radians(1.0), 0.08)
     best = lines_of(view_of(levels), two_region=True)[0]
     assert best.up == pytest.approx(-0.04, abs=2 * GRID.resolution)

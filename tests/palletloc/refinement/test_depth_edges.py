@@ -280,15 +280,12 @@ def test_edges_behind_the_face_make_the_yaw_more_certain(name: str, portrait: Po
     assert np.mean(gains) < 0.8
 
 
-def test_blocks_that_are_not_where_the_model_has_them_do_no_harm(portrait: Portrait) -> None:
+def test_wrong_blocks_do_no_harm_and_far_above_blocks_change_nothing(portrait: Portrait) -> None:
     shot = portrait(EPAL, LEVEL)
     wrong = replace(EPAL, block_rows=((0.0, 0.06), (0.19, 0.27), (0.55, 0.61)))
     alone, misled = (fitted(shot, model) for model in (replace(EPAL, block_rows=()), wrong))
     assert misled.doubt <= alone.doubt + 0.3
     assert abs(yaw_error(misled)) < 3.5 * yaw_sigma(misled)
-
-
-def test_far_above_a_pallet_nothing_changes(portrait: Portrait) -> None:
     pose = replace(LEVEL, z=0.0)
     shot = portrait(EPAL, pose)
     first, second = (

@@ -63,15 +63,14 @@ def test_edges_move_against_the_pose(right: float, up: float, portrait: Portrait
     assert np.mean(np.abs(found - expected) < 0.0015) > 0.7
 
 
-def test_a_pixel_is_larger_where_the_face_is_seen_aslant(portrait: Portrait, t11: PalletModel) -> None:
+def test_a_pixel_is_larger_seen_aslant_and_a_face_as_wide_as_its_ends_are_apart(
+    portrait: Portrait, t11: PalletModel
+) -> None:
     edges = edges_at(portrait(t11, POSE), POSE, t11)
     across = {measured.edge.horizontal: measured.pixel for measured in edges}
     straight = np.hypot(float(np.hypot(POSE.x - 0.3, POSE.y + 0.08)), 1.85) / 560.0
     assert across[False] > straight
     assert across[True] > straight  # seen from 40 degrees above
-
-
-def test_a_face_is_as_wide_as_its_ends_are_apart_in_the_image(portrait: Portrait, t11: PalletModel) -> None:
     shot = portrait(t11, POSE)
     seen = seen_at(shot, POSE, t11)
     ends = POSE.transform().apply([[0.0, side * t11.width / 2, t11.height / 2] for side in (-1, 1)])
@@ -80,7 +79,9 @@ def test_a_face_is_as_wide_as_its_ends_are_apart_in_the_image(portrait: Portrait
     assert replace(seen, edges=()).width_px(t11.width) == 0.0
 
 
-def test_the_upper_edge_may_be_loaded_from_above_and_not_from_below(t11: PalletModel, portrait: Portrait) -> None:
+def test_a_line_is_expected_unless_loaded_seen_from_above_or_hidden_by_a_beam_from_below(
+    t11: PalletModel, portrait: Portrait
+) -> None:
     above, high = portrait(t11, POSE), replace(POSE, z=2.6)
     below = portrait(t11, high)
     for shot, pose, loaded in ((above, POSE, True), (below, high, False)):
@@ -88,9 +89,6 @@ def test_the_upper_edge_may_be_loaded_from_above_and_not_from_below(t11: PalletM
         kinds = {line.kind: seen.loaded(line.whole) for line in face_lines(t11)}
         assert kinds.pop(EdgeKind.TOP) is loaded
         assert not any(kinds.values())
-
-
-def test_a_line_is_expected_unless_loaded_or_hidden_by_a_beam(portrait: Portrait, t11: PalletModel) -> None:
     high = replace(POSE, z=2.6)
     seen = seen_at(portrait(t11, high), high, t11)
     assert EdgeKind.BOTTOM not in {measured.edge.kind for measured in seen.edges}

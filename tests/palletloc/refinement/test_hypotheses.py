@@ -294,7 +294,7 @@ def test_upright_lines_have_upright_energy_and_level_ones_have_none(paint_plane:
     assert min(upright_any, level_any) > 0.2
 
 
-def test_energy_lies_between_0_and_1_and_in_a_plain_image_there_is_none() -> None:
+def test_energy_lies_between_0_and_1_and_neither_light_nor_colour_matters_to_it(paint_plane: Paints) -> None:
     noise = np.random.default_rng(0).integers(0, 256, (CAMERA.height, CAMERA.width, 3), dtype=np.uint8)
     for image, most in ((noise, 1.0), (np.full_like(noise, 90), 1e-6)):
         patch = patch_of(image)
@@ -302,9 +302,6 @@ def test_energy_lies_between_0_and_1_and_in_a_plain_image_there_is_none() -> Non
             assert field.shape == patch.view.image.shape[:2]
             assert field.min() >= -1e-6
             assert field.max() <= most + 1e-6
-
-
-def test_neither_light_nor_colour_matters_to_the_energy(paint_plane: Paints) -> None:
     image = paint_plane(CAMERA, camera_from_plane(), SHOWN, waves(0.1))
     bright, dark = (patch_of(picture).along_level(0.1) for picture in (image, image // 3))
     assert np.corrcoef(bright.ravel(), dark.ravel())[0, 1] > 0.95

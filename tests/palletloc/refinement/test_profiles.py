@@ -278,15 +278,12 @@ def test_each_row_of_a_table_is_a_line_in_order_and_filled_up_at_its_end(model: 
     assert np.isfinite(along).all(axis=1).any()
 
 
-def test_the_spacing_of_a_kind_is_the_mean_of_length_over_cuts_of_its_lines(model: PalletModel) -> None:
+def test_the_spacing_is_length_over_cuts_and_without_the_lower_edge_all_else_stays(model: PalletModel) -> None:
     cuts = cuts_of(model)
     counts = np.bincount(cuts.line[cuts.inner])
     spacing = np.array([sum(edge.length for edge in line.edges) for line in cuts.lines]) / counts
     for kind in cuts.kinds:
         assert kind.spacing == pytest.approx(spacing[kind.lines].mean())
-
-
-def test_without_the_lower_edge_all_else_stays(model: PalletModel) -> None:
     whole, above = cuts_of(model), cuts_of(model, without_bottom=True)
     assert above.lines == tuple(line for line in whole.lines if line.kind != "bottom")
     kept = np.array([line.kind != "bottom" for line in whole.lines])[whole.line]

@@ -235,7 +235,7 @@ def distances(points: FloatArray, model: PalletModel, horizontal: bool) -> Float
     return np.asarray(np.linalg.norm(points[:, None] - nearest, axis=-1))
 
 
-def test_the_weights_of_all_edges_add_up_to_one(model: PalletModel) -> None:
+def test_the_weights_of_all_edges_add_up_and_each_edge_has_points_on_it_alone(model: PalletModel) -> None:
     samples = face_samples(model)
     assert samples.level_weight.sum() + samples.upright_weight.sum() == pytest.approx(1.0)
     assert samples.level_weight.min() > 0
@@ -246,17 +246,13 @@ def test_the_weights_of_all_edges_add_up_to_one(model: PalletModel) -> None:
         (samples.block, samples.block_weight),
     ):
         assert points.shape == (len(weight), 2)
-
-
-def test_every_point_lies_on_an_edge_and_every_edge_has_points(model: PalletModel) -> None:
-    samples = face_samples(model)
     for horizontal, points in ((True, samples.level), (False, samples.upright)):
         away = distances(points, model, horizontal)
         assert away.min(axis=1).max() < 1e-12
         assert away.min(axis=0).max() < 1e-12
 
 
-def test_points_are_dense_enough_for_no_stretch_to_be_missed(model: PalletModel) -> None:
+def test_points_are_dense_and_their_weight_is_spread_by_length(model: PalletModel) -> None:
     level = face_samples(model).level
     for edge in face_edges(model):
         if edge.horizontal:
@@ -264,9 +260,6 @@ def test_points_are_dense_enough_for_no_stretch_to_be_missed(model: PalletModel)
             mine = mine[(mine[:, 0] > edge.start[0]) & (mine[:, 0] < edge.end[0])]
             gaps = np.diff([edge.start[0], *np.sort(mine[:, 0]), edge.end[0]])
             assert gaps.max() < 1.6 * LEVEL_SPACING
-
-
-def test_on_each_kind_of_edge_weight_is_spread_by_length(model: PalletModel) -> None:
     samples = face_samples(model)
     for horizontal, points, weight in (
         (True, samples.level, samples.level_weight),

@@ -115,7 +115,7 @@ def test_the_list_of_commands_says_what_the_commands_say_themselves() -> None:
         assert text.strip().splitlines()[0] == command.summary
 
 
-def test_bad_input_and_an_unreadable_file_are_one_line_and_exit_code_1(
+def test_bad_input_and_files_are_one_line_and_code_1(
     commands: list[Command], capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run(["refuses"], commands) == 1

@@ -72,9 +72,8 @@ def test_every_factor_splits_all_views_into_parts_in_order() -> None:
     assert sizes["their NEES"] == (3.0, 3.0, 3.0)
     for factor in ("misfit", "gain", "blur px", "noise", "range m"):
         scenes = [draw_scene(seed) for seed in range(40)]
-        face = view(1.0).face
-        views = [View(scene, face, HeightClass.FLOOR, 0.1, None, False) for scene in scenes]
-        lows = [float(label.split()[0]) for label in sorted({FACTORS[factor](view) for view in views})]
+        drawn = [View(scene, view(1.0).face, HeightClass.FLOOR, 0.1, None, False) for scene in scenes]
+        lows = [float(label.split()[0]) for label in sorted({FACTORS[factor](shown) for shown in drawn})]
         assert lows == sorted(lows)
 
 

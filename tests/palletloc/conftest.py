@@ -19,7 +19,7 @@ from palletloc.synthetic.rays import CameraRays, camera_rays
 from palletloc.synthetic.rendering import lit, render
 from palletloc.synthetic.rig import Sensor, expose
 from palletloc.synthetic.scene import Light, Room, Scene, Solid
-from tests.palletloc.poses import POSE, Pallets, Photograph, Portrait
+from tests.palletloc.poses import POSE, Pallets, Photograph, Portrait, WritePallets
 
 RECORDING = """\
 format: 1
@@ -60,7 +60,7 @@ def blank_recording(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def pallet_file(tmp_path: Path) -> Callable[[str | bytes], Path]:
+def pallet_file(tmp_path: Path) -> WritePallets:
     """Return a function that writes a file of pallet models."""
 
     def write(content: str | bytes) -> Path:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
@@ -27,6 +28,7 @@ Placed = tuple[PalletModel, LevelPose]
 """A pallet where it stands in the forklift frame."""
 Pallets = tuple[Placed, ...]
 Models = tuple[PalletModel, ...]
+WritePallets = Callable[[str | bytes], Path]
 
 
 def moved(

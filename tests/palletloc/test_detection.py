@@ -58,9 +58,7 @@ def test_the_most_promising_detection_of_each_model_is_its_pallet(floor_shot: Sh
         assert promises == sorted(promises, reverse=True)
 
 
-def test_each_band_is_searched_where_there_are_levels_and_else_the_whole_plane(
-    rack_shot: Shot, rack_pallets: Pallets
-) -> None:
+def test_each_band_is_searched_and_without_levels_the_whole_plane(rack_shot: Shot, rack_pallets: Pallets) -> None:
     found, views = detected(rack_shot, [rack_pallets[0][0]], replace(SHELF, levels=()))
     assert len(views) == 1
     assert all(detection.level is None for detection in found)
@@ -229,9 +227,7 @@ def test_a_drift_moves_the_places_of_each_placement(epal: PalletModel, draw_face
         )
 
 
-def test_a_face_shifted_by_an_opening_scores_less_and_beyond_the_view_little(
-    epal: PalletModel, draw_face: Draw
-) -> None:
+def test_a_face_an_opening_aside_scores_less_and_beyond_the_view_little(epal: PalletModel, draw_face: Draw) -> None:
     view = draw_face(epal, GRID, CAMERA)
     score = match_template(template_of(view, epal), GRID, CAMERA, here(), np.array([0.0, 0.5275, -0.5275]))[0]
     assert score[0] > max(score[1:]) + 0.2

@@ -101,9 +101,7 @@ def test_a_good_start_leads_to_its_pallet(truth: LevelPose, pair: Shot, t11: Pal
     assert found.pose == found.face.forklift_from_pallet
 
 
-def test_a_fit_that_leaves_no_doubt_or_is_beyond_it_ends_the_search_if_its_yaw_is_known(
-    pair: Shot, t11: PalletModel
-) -> None:
+def test_a_fit_without_or_beyond_doubt_ends_the_search_if_its_yaw_is_known(pair: Shot, t11: PalletModel) -> None:
     for weak in (False, True):
         called, found = tried(pair, t11, [LEFT, RIGHT], weak, CERTAIN)
         face = fit_of(found).face
@@ -139,13 +137,10 @@ def test_a_start_next_to_a_fit_that_was_refused_is_tried_on_a_level(
     assert called == ([LEFT, BESIDE] if height else [LEFT])
 
 
-def test_the_fit_begins_where_the_preparation_says(pair: Shot, t11: PalletModel) -> None:
+def test_the_fit_begins_where_the_preparation_says_and_keeps_its_yaw_and_steps(pair: Shot, t11: PalletModel) -> None:
     found = kept(pair, t11, [LEFT], prepare=lambda _: as_found(RIGHT))
     assert found.fit is None or near(found, RIGHT)
     assert not near(found, LEFT)
-
-
-def test_what_the_preparation_says_of_the_yaw_and_its_steps_is_kept(pair: Shot, t11: PalletModel) -> None:
     candidate = Candidate(t11, LEFT, FLOOR)
 
     def prepare(pose: LevelPose) -> FitStart:

@@ -50,9 +50,7 @@ def test_near_starts_lead_within_millimetres_as_the_covariance_says(
     assert np.linalg.eigvalsh(fit.covariance).min() > 0
 
 
-def test_an_uncertain_mounting_makes_a_pose_uncertain_and_no_level_its_viewing_ray(
-    portrait: Portrait, epal: PalletModel
-) -> None:
+def test_an_uncertain_mounting_widens_the_pose_and_no_level_its_ray(portrait: Portrait, epal: PalletModel) -> None:
     shot = portrait(epal, POSE)
     known, free = (fit_of(measured(shot, epal, POSE, height)).covariance for height in (FLOOR, None))
     assert (np.diag(free) > np.diag(known)).all()

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from palletloc import Opening, PalletModel
 from palletloc.pallet_library import PalletFileError, read_pallets
+from tests.palletloc.poses import WritePallets
 
 LEFT = Opening(center=-0.26, bottom=0.024, width=0.30, height=0.09, radius=0.01)
 RIGHT = Opening(center=0.26, bottom=0.024, width=0.30, height=0.09, radius=0.01)
@@ -217,14 +218,14 @@ def test_a_file_holds_models_by_name(
         ("[" * 100_000, ", line 1: "),
     ],
 )
-def test_malformed_yaml_is_refused(pallet_file: Callable[[str], Path], content: str, problem: str) -> None:
+def test_malformed_yaml_is_refused(pallet_file: WritePallets, content: str, problem: str) -> None:
     assert complaint(pallet_file(content)).startswith(problem)
 
 
 @pytest.mark.parametrize(
     ("name", "shown"), [("1200", "1200"), ("a/b", "'a/b'"), ("'a,b'", "'a,b'"), ("'a b'", "'a b'"), ("''", "''")]
 )
-def test_a_name_fits_into_a_table_and_a_file_name(pallet_file: Callable[[str], Path], name: str, shown: str) -> None:
+def test_a_name_fits_into_a_table_and_a_file_name(pallet_file: WritePallets, name: str, shown: str) -> None:
     expected = f": {shown} is no name of a pallet model; expected letters, digits, '-', '_', '.'"
     assert complaint(pallet_file(GOOD.replace("mine", name, 1))) == expected
 
@@ -308,12 +309,12 @@ def test_a_name_fits_into_a_table_and_a_file_name(pallet_file: Callable[[str], P
         ("depth_m: 0.9", "depth_m: 0", "mine: the face's depth must be positive, got 0 m"),
     ],
 )
-def test_a_wrong_key_or_value_is_named(pallet_file: Callable[[str], Path], old: str, new: str, problem: str) -> None:
+def test_a_wrong_key_or_value_is_named(pallet_file: WritePallets, old: str, new: str, problem: str) -> None:
     content = GOOD.replace(old, new, 1)
     assert content != GOOD
     assert complaint(pallet_file(content)).startswith(f": {problem}")
 
 
-def test_a_misspelt_key_is_named_before_the_missing_one(pallet_file: Callable[[str], Path]) -> None:
+def test_a_misspelt_key_is_named_before_the_missing_one(pallet_file: WritePallets) -> None:
     content = GOOD.replace("depth_m", "deepth_m").replace("height_m: 0.144, ", "")
     assert complaint(pallet_file(content)).startswith(": mine: unknown key 'deepth_m'")

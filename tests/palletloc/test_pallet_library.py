@@ -209,7 +209,7 @@ def test_what_is_written_is_read_back_unchanged(model: PalletModel, tmp_path_fac
     assert read_pallets(path) == {model.name: model}
 
 
-def test_the_library_is_written_in_the_contracts_form_and_read_back(
+def test_the_library_is_written_as_the_contract_says_and_read_back(
     pallet_file: Callable[[str | bytes], Path],
 ) -> None:
     assert read_pallets(pallet_file(format_pallets(LIBRARY.values()))) == LIBRARY

@@ -109,9 +109,7 @@ def test_a_pallet_taken_one_opening_aside_is_taken_back(portrait: Portrait, mode
     assert back.candidate is alias.candidate
 
 
-def test_the_right_one_stays_and_what_is_beyond_doubt_is_not_asked_again(
-    portrait: Portrait, epal: PalletModel
-) -> None:
+def test_the_right_one_stays_and_none_beyond_doubt_is_asked_again(portrait: Portrait, epal: PalletModel) -> None:
     shot = portrait(epal, POSE)
     fit = found(measured(shot, epal))
     assert fit.evidence is not None
@@ -158,7 +156,9 @@ def test_at_any_height_a_model_gives_way_to_the_one_that_stands_there(
     assert np.abs(right.pose.minus(POSE))[:3].max() < 0.03
 
 
-def test_a_model_that_looks_alike_is_no_contradiction(portrait: Portrait, t11: PalletModel) -> None:
+def test_an_alike_model_is_no_contradiction_and_on_a_level_none_is_tried(
+    portrait: Portrait, t11: PalletModel
+) -> None:
     shot, alike = portrait(t11, POSE), replace(t11, name="alike", width=t11.width + 0.002)
     alone, together = (
         Localizer(models).localize_from(shot, [Start("t11", POSE)])[0] for models in ([t11], [t11, alike])
@@ -167,11 +167,6 @@ def test_a_model_that_looks_alike_is_no_contradiction(portrait: Portrait, t11: P
     assert together is not None
     assert together.forklift_from_pallet == alone.forklift_from_pallet
     assert (np.diag(together.covariance) >= np.diag(alone.covariance)).all()
-
-
-def test_no_other_model_is_tried_on_a_level_for_itself_or_what_was_refused(
-    portrait: Portrait, t11: PalletModel
-) -> None:
     shot, other = portrait(t11, POSE), replace(t11, name="other", width=1.2)
     known = found(measured(shot, t11))
     free = replace(known, candidate=replace(known.candidate, height=None))

@@ -45,8 +45,8 @@ def test_a_shot_knows_where_the_camera_is_and_projects_from_its_mounting(shot: S
     forklift_from_face = POSE.transform() * PALLET_FROM_VERTICAL
     camera = shot.camera_in(POSE)
     np.testing.assert_allclose(forklift_from_face.apply(camera), shot.mounting.center, atol=1e-12)
-    expected = (shot.mounting.to_camera * forklift_from_face).as_matrix()
-    np.testing.assert_allclose(shot.camera_from_face(POSE), expected, atol=1e-12)
+    matrix = (shot.mounting.to_camera * forklift_from_face).as_matrix()
+    np.testing.assert_allclose(shot.camera_from_face(POSE), matrix, atol=1e-12)
     assert shot.camera_in(replace(POSE, yaw=POSE.yaw + np.pi))[2] == pytest.approx(-camera[2])
     points = np.random.default_rng(1).uniform([-1.0, -3.0, 0.0], [3.0, 3.0, 2.0], (2, 30, 3))
     found, expected = shot.project(points), shot.camera.project(shot.mounting.to_camera.apply(points.reshape(-1, 3)))
@@ -209,16 +209,13 @@ def test_a_rank_is_its_score_until_the_checks_and_fits_and_refusals_give_it_alik
     assert Refusal(fit.candidate, Stage.YAW, Reason.NO_LINE).fit is None
 
 
-def test_steps_are_found_by_their_kind_in_their_order(fit: Fit) -> None:
+def test_steps_are_found_by_their_kind_and_rows_are_fits_and_refusals_in_their_order(fit: Fit, taken: Shot) -> None:
     for outcome in (fit, Refusal(fit.candidate, Stage.YAW, Reason.NO_LINE, None, fit.steps)):
         assert steps_of(outcome, str) == ["a view", "another view"]
         assert last_step(outcome, str) == "another view"
         assert last_step(outcome, int) == 1
         assert last_step(outcome, float) is None
         assert steps_of(outcome, float) == []
-
-
-def test_a_shots_rows_are_its_fits_and_its_refusals_in_their_order(fit: Fit, taken: Shot) -> None:
     refusal = Refusal(fit.candidate, Stage.YAW, Reason.NO_LINE, fit)
     explained = Explanation(taken, (), (), (refusal, fit, refusal))
     (row,) = explained.measurements

@@ -176,9 +176,7 @@ def stays(*outcomes: Outcome) -> list[bool]:
     return [isinstance(outcome, Fit) for outcome in excluded(*outcomes)]
 
 
-def test_the_better_of_two_stays_and_what_was_refused_or_excluded_excludes_nothing(
-    epal: PalletModel, t11: PalletModel
-) -> None:
+def test_the_better_of_two_stays_and_what_was_refused_excludes_nothing(epal: PalletModel, t11: PalletModel) -> None:
     weak, strong, aside = placed(epal, 0.0, 0.5), placed(t11, 0.3, 0.8), placed(epal, 1.6, 0.4)
     refused = given_up(placed(epal, 0.0, 0.99), Reason.FEW_EDGES)
     assert stays(weak, refused, strong, aside) == [False, False, True, True]

@@ -121,7 +121,7 @@ def test_yaw_and_distance_are_found_within_the_steps_of_the_search(
     assert abs(pose.yaw - POSE.yaw) < np.radians(3.0)  # yaw and distance trade off
 
 
-def test_the_best_score_is_that_of_the_pose(portrait: Portrait, t11: PalletModel) -> None:
+def test_the_best_score_is_that_of_the_pose_and_a_plain_image_has_none(portrait: Portrait, t11: PalletModel) -> None:
     start = replace(POSE, yaw=POSE.yaw + np.radians(4.0))
     found = searched(portrait(t11, POSE), t11, start)
     assert isinstance(found, JointSearch)
@@ -131,9 +131,6 @@ def test_the_best_score_is_that_of_the_pose(portrait: Portrait, t11: PalletModel
     assert turn < 0
     assert found.forklift_from_pallet.yaw == pytest.approx(start.yaw + turn)
     np.testing.assert_allclose(np.degrees(found.turns), np.linspace(-6.0, 6.0, 7))
-
-
-def test_nothing_is_found_jointly_in_a_plain_image(portrait: Portrait, t11: PalletModel) -> None:
     assert searched(blanked(portrait(t11, POSE)), t11) is Reason.NO_PEAK
 
 

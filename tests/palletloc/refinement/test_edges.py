@@ -63,7 +63,7 @@ def test_edges_move_against_the_pose(right: float, up: float, portrait: Portrait
     assert np.mean(np.abs(found - expected) < 0.0015) > 0.7
 
 
-def test_a_pixel_is_larger_seen_aslant_and_a_face_as_wide_as_its_ends_are_apart(
+def test_pixels_are_larger_aslant_and_a_face_as_wide_as_its_ends_are_apart(
     portrait: Portrait, t11: PalletModel
 ) -> None:
     edges = edges_at(portrait(t11, POSE), POSE, t11)
@@ -79,7 +79,7 @@ def test_a_pixel_is_larger_seen_aslant_and_a_face_as_wide_as_its_ends_are_apart(
     assert replace(seen, edges=()).width_px(t11.width) == 0.0
 
 
-def test_a_line_is_expected_unless_loaded_seen_from_above_or_hidden_by_a_beam_from_below(
+def test_a_line_is_expected_unless_loaded_from_above_or_hidden_from_below(
     t11: PalletModel, portrait: Portrait
 ) -> None:
     above, high = portrait(t11, POSE), replace(POSE, z=2.6)
@@ -138,7 +138,7 @@ def test_drawn_edges_are_measured_to_a_tenth_of_a_pixel(model: PalletModel, grow
 
 
 @pytest.mark.parametrize("columns", [0, 1, 480, 951])
-def test_a_face_across_the_seam_of_a_closed_image_is_measured_like_any_other(
+def test_a_face_across_the_seam_is_measured_like_any_other(
     columns: int, shoot_face: Shoots, t11: PalletModel
 ) -> None:
     camera, sharp = Equirectangular(1600, 800), replace(t11, edge_radius=0.0)
@@ -162,7 +162,7 @@ def test_a_face_across_the_seam_of_a_closed_image_is_measured_like_any_other(
     np.testing.assert_allclose(across.plane_from_camera, shot.camera_in(pose), atol=1e-9)
 
 
-def test_every_edge_carries_what_the_face_says_of_it_and_colour_and_gray_agree(
+def test_edges_carry_what_the_face_says_of_them_and_colour_matters_little(
     portrait: Portrait, epal: PalletModel
 ) -> None:
     shot = portrait(epal, POSE)

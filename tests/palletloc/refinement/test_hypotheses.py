@@ -98,9 +98,7 @@ def test_a_single_hypothesis_is_scored_as_its_pose_is(right: float, portrait: Po
 
 
 @pytest.mark.parametrize(("depth", "turn_deg"), [(0.0, 0.0), (0.2, 10.0), (-0.2, -10.0), (0.2, -10.0)])
-def test_a_wide_grid_peaks_at_the_truth(
-    model: PalletModel, depth: float, turn_deg: float, portrait: Portrait
-) -> None:
+def test_wide_grids_peak_at_the_truth(model: PalletModel, depth: float, turn_deg: float, portrait: Portrait) -> None:
     shot = portrait(model, POSE)
     base = replace(moved(slid(shot, POSE, 1 + depth / 2.2), turn_deg=turn_deg), z=POSE.z)
     metres, degrees = nearest(score_hypotheses(patch_at(shot, base), model, WIDE, CONFIG), POSE)

@@ -139,7 +139,7 @@ def test_points_seem_to_move_as_they_do_with_a_wrong_mounting(mounting: Mounting
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2, 5], ids=["x", "y", "z", "yaw"])
-def test_a_wrong_mounting_moves_the_pallet_as_geometry_and_the_covariance_say(
+def test_a_wrong_mounting_moves_it_as_geometry_and_covariance_say(
     axis: int, t11: PalletModel, mounting: Mounting
 ) -> None:
     errors = STEP * np.eye(6)[axis]
@@ -202,7 +202,7 @@ def test_a_lines_yaw_shares_a_mountings_error_and_a_known_turn_does_not(t11: Pal
     assert sigmas[1] < 1e-4
 
 
-def test_an_edge_that_contradicts_loses_weight_and_scatter_widens_the_covariance(
+def test_a_contradicting_edge_loses_weight_and_scatter_widens_the_covariance(
     t11: PalletModel, mounting: Mounting
 ) -> None:
     count = len(face_lines(t11))

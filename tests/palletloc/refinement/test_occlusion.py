@@ -276,9 +276,7 @@ def test_a_post_that_reaches_below_the_face_is_seen(
     assert explained_part(patch, epal, POSE, [(left, right)]) == pytest.approx((right - left) / epal.width)
 
 
-def test_what_is_only_on_the_face_or_only_below_it_or_floor_is_no_post(
-    paint_plane: Paints, epal: PalletModel
-) -> None:
+def test_what_is_only_on_the_face_or_only_below_or_floor_is_no_post(paint_plane: Paints, epal: PalletModel) -> None:
     beside = seen(paint_plane, {}, aside=0.5)  # the real face stands half a metre aside: floor is where it should be
     assert explained_part(beside, epal, POSE, [(-0.6, -0.1)]) == 0.0
     above = seen(paint_plane, {(0.1, 0.4, 0.02): 20.0})
@@ -290,7 +288,7 @@ def test_what_is_only_on_the_face_or_only_below_it_or_floor_is_no_post(
     assert visible_occluders(label, epal, LevelPose(POSE.x, POSE.y, POSE.z - 0.3, POSE.yaw)) == ()
 
 
-def test_each_hidden_stretch_is_judged_by_itself_and_without_any_or_all_nothing_is_explained(
+def test_each_hidden_stretch_is_judged_by_itself_and_none_or_all_explain_nothing(
     paint_plane: Paints, epal: PalletModel
 ) -> None:
     patch = seen(paint_plane, {(-0.4, -0.2, -1.0): 230.0})

@@ -145,15 +145,12 @@ def test_a_shift_moves_the_cuts_with_it(shoot_face: Shoots) -> None:
     assert np.median(np.abs(wrong[inside]) / done.pixel[done.cuts.line[inside], 0]) < 0.05
 
 
-def test_a_plain_image_has_no_gradient() -> None:
+def test_profiles_reach_beyond_both_sides_and_are_flat_in_a_plain_image(shoot_face: Shoots) -> None:
     camera, direction = VIEWS["distorted"]
     plain = np.full((camera.height, camera.width, 3), 77, np.uint8)
     profiles = read(camera, plain, facing(direction)).profiles
     assert profiles.valid.all()
     assert np.abs(profiles.gradient(1.0)).max() < 1e-3
-
-
-def test_profiles_reach_as_far_to_both_sides_and_beyond_for_a_peaks_neighbours(shoot_face: Shoots) -> None:
     camera, direction = VIEWS["pinhole"]
     done = read(camera, shoot_face(camera, facing(direction), BOX), facing(direction))
     offsets = done.profiles.offsets
@@ -290,7 +287,7 @@ def test_the_spacing_is_length_over_cuts_and_without_the_lower_edge_all_else_sta
     np.testing.assert_array_equal(above.points, whole.points[kept])
 
 
-def test_what_is_shared_cannot_be_written_and_another_model_has_other_cuts(
+def test_what_is_shared_cannot_be_written_and_other_models_have_other_cuts(
     t11: PalletModel, epal: PalletModel
 ) -> None:
     cuts = cuts_of(t11)

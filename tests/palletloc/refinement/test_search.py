@@ -133,9 +133,7 @@ def test_without_a_level_the_viewing_ray_is_found(rise: float, portrait: Portrai
     assert min(across[:2]) < 0.03
 
 
-def test_places_come_the_best_first_each_with_a_view_in_which_the_face_lies(
-    portrait: Portrait, t11: PalletModel
-) -> None:
+def test_places_come_the_best_first_each_with_a_view_of_all_the_face(portrait: Portrait, t11: PalletModel) -> None:
     shot = portrait(t11, POSE)
     half, high = t11.width / 2, t11.height
     corners = np.array([[-half, 0.0], [half, 0.0], [-half, high], [half, high]])

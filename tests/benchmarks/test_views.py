@@ -90,7 +90,7 @@ def test_a_perfect_localizer_has_no_error_and_one_counts_in_the_covariances_unit
     assert [error.nees for error in errors] == pytest.approx([4.0])
 
 
-def test_refusals_misses_and_rows_where_no_pallet_stands_differ() -> None:
+def test_refusals_misses_and_false_rows_differ_and_hidden_faces_do_not_count() -> None:
     face = next(face for face in exposure().faces if face.visible)
     found = fit(face.forklift_from_pallet, face.model)
     seen = looked([Refusal(found.candidate, Stage.VERIFICATION, Reason.LOW_CONTRAST, found)])
@@ -98,9 +98,6 @@ def test_refusals_misses_and_rows_where_no_pallet_stands_differ() -> None:
     assert [view.face.id for view in seen.views if view.refused] == [face.id]
     model = exposure().recording.models[0].name
     assert looked([fit(LevelPose(AWAY, AWAY, 0.0, 0.0), model)]).false == (HeightClass.FLOOR,)
-
-
-def test_faces_that_are_mostly_hidden_or_cut_do_not_count() -> None:
     shown = {view.face.id for view in looked([]).views}
     for face, hidden in zip(exposure().faces, exposure().hidden, strict=True):
         if hidden is None or hidden > MOST_HIDDEN:

@@ -93,27 +93,23 @@ def test_the_mirrored_shelf_gives_mirrored_detections(floor_shot: Shot, floor_pa
         assert hits(found, model, LevelPose(pose.x, -pose.y, pose.z, -pose.yaw))
 
 
-def test_nothing_is_found_in_a_plain_image(blank_shot: Shot, epal: PalletModel) -> None:
+def test_a_plain_image_or_far_shelf_has_nothing_and_one_behind_is_refused(
+    blank_shot: Shot, epal: PalletModel, floor_shot: Shot
+) -> None:
     found, views = detected(blank_shot, [epal])
     assert found == []
     assert len(views) == 1
-
-
-def test_a_shelf_out_of_range_or_behind_has_nothing(floor_shot: Shot, epal: PalletModel) -> None:
     for shelf in (ShelfPlane(1.3, 20.0, -np.pi / 2, (0.0,)), ShelfPlane(-4.0, 0.0, 0.0, (0.0,))):
         found, _ = detected(floor_shot, [epal], shelf)
         assert all(detection.score < 0.6 for detection in found)
+    with pytest.raises(ShelfPlaneError):
+        detected(floor_shot, [epal], replace(SHELF, facing=np.pi / 2))
 
 
 def test_a_level_out_of_sight_keeps_no_other_from_being_searched(floor_shot: Shot, floor_pallets: Pallets) -> None:
     found, _ = detected(floor_shot, [model for model, _ in floor_pallets], replace(SHELF, levels=(0.0, 1.5, 9.0)))
     assert all(hits(found, model, pose) for model, pose in floor_pallets)
     assert all(detection.level != 9.0 for detection in found)
-
-
-def test_a_plane_behind_the_camera_is_refused(floor_shot: Shot, epal: PalletModel) -> None:
-    with pytest.raises(ShelfPlaneError):
-        detected(floor_shot, [epal], replace(SHELF, facing=np.pi / 2))
 
 
 def test_yaws_that_may_be_surround_the_shelfs_and_every_pallets(floor_shot: Shot, floor_pallets: Pallets) -> None:

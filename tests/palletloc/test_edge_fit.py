@@ -190,10 +190,21 @@ def test_the_constants_have_the_efficiency_that_they_state(weigh: Weigh, efficie
     assert (slope @ density) ** 2 / (psi**2 @ density) == pytest.approx(efficiency, abs=0.005)
 
 
-def test_the_spread_of_normal_residuals_is_their_standard_deviation() -> None:
+def test_one_round_is_the_plain_fit_and_the_spread_of_normal_residuals_their_deviation() -> None:
     assert pytest.approx(1 / norm.ppf(0.75), abs=1e-4) == SIGMA_PER_MEDIAN
     assert robust_sigma(np.array([-1.0, 1.0, 1e9])) == SIGMA_PER_MEDIAN
     assert robust_sigma(np.zeros(3), 0.5) == 0.5
+    values = np.array([0.0, 0.0, 9.0])
+    mean = reweighted(
+        lambda weights, _: np.array([np.average(values, weights=weights)]),
+        lambda at: values - at,
+        partial(huber_weights, tuning=1.0),
+        lambda _: 1.0,
+        np.ones(3),
+        1,
+    )
+    assert mean.solution[0] == 3.0
+    np.testing.assert_allclose(mean.weights, [1 / 3, 1 / 3, 1 / 6])
 
 
 @pytest.mark.parametrize("weigh", WEIGHTS)
@@ -212,17 +223,3 @@ def test_a_third_of_wrong_values_does_not_move_a_line(weigh: Weigh) -> None:
     # Once the weights have settled, more rounds change nothing.
     early = reweighted(fit, lambda line: values - design @ line, weigh, robust_sigma, np.ones(300), 200, 1e-6)
     np.testing.assert_allclose(early.solution, found.solution, atol=1e-4)
-
-
-def test_one_round_is_the_plain_fit() -> None:
-    values = np.array([0.0, 0.0, 9.0])
-    mean = reweighted(
-        lambda weights, _: np.array([np.average(values, weights=weights)]),
-        lambda at: values - at,
-        partial(huber_weights, tuning=1.0),
-        lambda _: 1.0,
-        np.ones(3),
-        1,
-    )
-    assert mean.solution[0] == 3.0
-    np.testing.assert_allclose(mean.weights, [1 / 3, 1 / 3, 1 / 6])

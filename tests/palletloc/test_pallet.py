@@ -37,9 +37,10 @@ def model_of_parts(parts: list[float], bottom: float = 0.02) -> PalletModel:
     return PalletModel("parts", width=sum(parts), height=0.15, depth=1.0, openings=openings)
 
 
-def test_an_opening_lies_between_its_sides() -> None:
+def test_an_opening_lies_between_its_sides_and_equal_models_are_one_key_of_a_cache() -> None:
     assert (LEFT.left, LEFT.right) == pytest.approx((-0.41, -0.11))
     assert (LEFT.bottom, LEFT.top) == pytest.approx((0.024, 0.114))
+    assert {MODEL: 1}[replace(MODEL)] == 1
 
 
 @pytest.mark.parametrize(("bottom", "is_open"), [(0.0, True), (0.001, False)])
@@ -59,10 +60,6 @@ def test_blocks_and_openings_cover_the_face(parts: list[float]) -> None:
     cuts = [side for block in model.blocks for side in block]
     assert cuts == sorted(cuts)
     assert (cuts[0], cuts[-1]) == pytest.approx((-model.width / 2, model.width / 2))
-
-
-def test_equal_models_are_one_key_of_a_cache() -> None:
-    assert {MODEL: 1}[replace(MODEL)] == 1
 
 
 @given(not_finite)

@@ -115,21 +115,18 @@ def test_the_page_lists_every_model_with_its_status() -> None:
         assert (status == "confirmed") is model.confirmed
 
 
-def test_a_caller_may_change_what_it_was_given() -> None:
+def test_models_come_once_in_the_order_of_the_names_the_users_first_and_may_be_changed() -> None:
     load_library().clear()
     assert load_library() == LIBRARY
-
-
-# Finding models by name.
-
-
-def test_models_come_once_in_the_order_of_the_names_and_the_users_first() -> None:
     names = ["t11", "epal1-800", "cp9"]
     assert [model.name for model in find_models(names, {})] == names
     assert find_models(["t11", "cp9", "t11"], {}) == (LIBRARY["t11"], LIBRARY["cp9"])
     mine = replace(LIBRARY["cp9"], name="t11")
     assert find_models(["t11"], {"t11": mine}) == (mine,)
     assert find_models(["t11"], {}) == (LIBRARY["t11"],)
+
+
+# Finding models by name.
 
 
 @pytest.mark.parametrize(("name", "nearest"), [("t11-plastik", "t11-plastic"), ("my-palet", "my-pallet")])

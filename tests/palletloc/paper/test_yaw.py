@@ -54,11 +54,15 @@ def test_the_yaw_of_a_pallet_on_the_floor_is_within_three_sigma(
     assert found.source in (YawSource.BOTTOM, YawSource.OPENING_TOP, YawSource.OPENING_BOTTOM)
 
 
-def test_above_the_camera_the_upper_edges_give_the_yaw(portrait: Portrait, epal: PalletModel) -> None:
+def test_above_the_camera_upper_edges_give_the_yaw_and_equal_views_equal_results(
+    portrait: Portrait, epal: PalletModel
+) -> None:
     found = measured(portrait(epal, HIGH), epal, HIGH, YawSource.TOP)
     assert abs(found.yaw - HIGH.yaw) < 3 * found.sigma
     assert found.source is not YawSource.BOTTOM
     assert found.sigma < np.radians(1.0)
+    shot = portrait(epal, POSE)
+    assert measured(shot, epal) == measured(shot, epal)
 
 
 @pytest.mark.parametrize("factor", [0.95, 0.98, 1.03])
@@ -127,11 +131,6 @@ def test_a_line_is_measured_finer_than_it_was_found(turn_deg: float, portrait: P
     fit = measure_line(shot, seen, line, t11, CONFIG)
     assert fit is not None
     assert abs(np.arctan(fit.slope) + np.radians(turn_deg)) < np.radians(0.3)
-
-
-def test_the_same_view_gives_the_same_result(portrait: Portrait, epal: PalletModel) -> None:
-    shot = portrait(epal, POSE)
-    assert measured(shot, epal) == measured(shot, epal)
 
 
 # Views of level planes.

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -8,61 +6,19 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import RigidTransform
 
-from palletloc.cameras import (
-    CameraModel,
-    DualFisheye,
-    Equirectangular,
-    FisheyeLens,
-    KannalaBrandt,
-    Pinhole,
-)
+from palletloc.cameras import DualFisheye, Equirectangular, FisheyeLens, KannalaBrandt, Pinhole
 from palletloc.geometry import FloatArray
-
-FISHEYE_TERMS = {"k1": 0.03, "k2": -0.012, "k3": 0.002, "k4": -0.0002}
-BROWN_TERMS = {"k1": -0.28, "k2": 0.09, "p1": 0.002, "p2": -0.0015, "k3": -0.012}
-
-
-def dual_lens(cx: float, cy: float) -> KannalaBrandt:
-    return KannalaBrandt(1920, 960, 280.0, 282.0, cx, cy, **FISHEYE_TERMS, max_angle=np.radians(96.0))
-
-
-DUAL = DualFisheye(
-    FisheyeLens(
-        dual_lens(478.0, 481.5),
-        RigidTransform.from_components([0.012, 0.001, -0.002], Rotation.from_rotvec([0.01, -0.02, 0.005])),
-    ),
-    FisheyeLens(
-        dual_lens(1441.0, 477.0),
-        RigidTransform.from_components([-0.013, 0.0, 0.001], Rotation.from_euler("zx", [3.13, 0.02])),
-    ),
+from tests.palletloc.cameras.sample_cameras import (
+    DUAL,
+    FISHEYE_TERMS,
+    FULL_SPHERE,
+    PINHOLES,
+    image_pixels,
+    opencv_points,
+    random_points,
 )
-FULL_SPHERE = KannalaBrandt(900, 900, 140.0, 140.0, 449.5, 449.5, max_angle=np.pi)
-PLAIN_PINHOLE = Pinhole(640, 480, 300.0, 310.0, 322.0, 236.5)
-FOLDING = Pinhole(800, 600, 300.0, 300.0, 405.0, 296.0, k1=-0.25, p1=0.01, p2=-0.008)
-PINHOLES = {
-    "pinhole": PLAIN_PINHOLE,
-    "brown": Pinhole(800, 600, 520.0, 525.0, 405.0, 296.0, **BROWN_TERMS),
-    "brown_folding": FOLDING,
-    "pincushion": Pinhole(800, 600, 400.0, 400.0, 400.0, 300.0, k1=0.2, p1=-0.003, k3=0.05),
-}
-
-
-def image_pixels(camera: CameraModel, step: float = 7.3) -> FloatArray:
-    u, v = np.meshgrid(np.arange(0, camera.width, step), np.arange(0, camera.height, step))
-    return np.stack([u, v], axis=-1)
-
-
-def random_points(count: int, seed: int = 0) -> FloatArray:
-    rng = np.random.default_rng(seed)
-    directions = rng.normal(size=(count, 3))
-    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
-    return np.asarray(directions * rng.uniform(0.3, 20.0, size=(count, 1)))
-
-
-def opencv_points(points_camera: FloatArray) -> FloatArray:
-    return np.stack([-points_camera[..., 1], -points_camera[..., 2], points_camera[..., 0]], axis=-1)
 
 
 def camera_matrix(camera: KannalaBrandt | Pinhole) -> FloatArray:
@@ -138,9 +94,8 @@ class TestKannalaBrandt:
         np.testing.assert_array_equal(self.CAMERA.project(rays).valid, [True, False])
 
     def test_straight_behind_is_nowhere_even_for_a_full_sphere(self) -> None:
-        camera = FULL_SPHERE
         behind = np.array([[-1.0, 0, 0], [-1.0, 1e-9, 0]])
-        np.testing.assert_array_equal(camera.project(behind).valid, [False, True])
+        np.testing.assert_array_equal(FULL_SPHERE.project(behind).valid, [False, True])
 
     def test_agrees_with_opencv_within_80_degrees(self) -> None:
         points = random_points(20_000)
@@ -196,7 +151,7 @@ class TestKannalaBrandt:
 
 
 class TestPinhole:
-    @pytest.mark.parametrize("name", ["pinhole", "brown", "brown_folding", "pincushion"])
+    @pytest.mark.parametrize("name", PINHOLES)
     def test_agrees_with_opencv(self, name: str) -> None:
         camera = PINHOLES[name]
         assert isinstance(camera, Pinhole)
@@ -213,7 +168,7 @@ class TestPinhole:
         np.testing.assert_allclose(ours.pixels[ours.valid], np.asarray(theirs)[:, 0], atol=1e-8)
 
     def test_does_not_see_behind(self) -> None:
-        camera = PLAIN_PINHOLE
+        camera = PINHOLES["pinhole"]
         assert not camera.project(np.array([[-1.0, 0, 0], [0.0, 0.1, 0.1], [0.0, 0, 0.1]])).valid.any()
 
     def test_does_not_see_what_the_distortion_folds_back_into_the_image(self) -> None:
@@ -228,7 +183,7 @@ class TestPinhole:
         np.testing.assert_array_equal(beyond.valid, [True, False])
 
     def test_no_two_directions_share_a_pixel(self) -> None:
-        camera = FOLDING
+        camera = PINHOLES["brown_folding"]
         points = random_points(50_000)
         projection = camera.project(points)
         seen = points[projection.valid]
@@ -278,8 +233,7 @@ class TestDualFisheye:
     def test_does_not_see_the_origin_even_between_its_lenses(self) -> None:
         lenses = [
             FisheyeLens(
-                lens.model,
-                RigidTransform.from_components([0.0, offset, 0.0], lens.camera_from_lens.rotation),
+                lens.model, RigidTransform.from_components([0.0, offset, 0.0], lens.camera_from_lens.rotation)
             )
             for lens, offset in ((DUAL.front, 0.02), (DUAL.back, -0.02))
         ]

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -22,29 +20,20 @@ from palletloc.cameras import (
     StitchedLens,
 )
 from palletloc.geometry import FloatArray
-
-FISHEYE_TERMS = {"k1": 0.03, "k2": -0.012, "k3": 0.002, "k4": -0.0002}
-BROWN_TERMS = {"k1": -0.28, "k2": 0.09, "p1": 0.002, "p2": -0.0015, "k3": -0.012}
-
-
-def dual_lens(cx: float, cy: float) -> KannalaBrandt:
-    return KannalaBrandt(1920, 960, 280.0, 282.0, cx, cy, **FISHEYE_TERMS, max_angle=np.radians(96.0))
-
-
-DUAL = DualFisheye(
-    FisheyeLens(
-        dual_lens(478.0, 481.5),
-        RigidTransform.from_components([0.012, 0.001, -0.002], Rotation.from_rotvec([0.01, -0.02, 0.005])),
-    ),
-    FisheyeLens(
-        dual_lens(1441.0, 477.0),
-        RigidTransform.from_components([-0.013, 0.0, 0.001], Rotation.from_euler("zx", [3.13, 0.02])),
-    ),
+from tests.palletloc.cameras.sample_cameras import (
+    DUAL,
+    FISHEYE_TERMS,
+    FULL_SPHERE,
+    PINHOLES,
+    dual_lens,
+    image_pixels,
+    random_points,
 )
+
 CAMERAS: dict[str, CameraModel] = {
     "equirectangular": Equirectangular(1920, 960),
     "fisheye": KannalaBrandt(1000, 960, 255.0, 257.0, 498.0, 483.0, **FISHEYE_TERMS, max_angle=np.radians(110.0)),
-    "equidistant_full_sphere": KannalaBrandt(900, 900, 140.0, 140.0, 449.5, 449.5, max_angle=np.pi),
+    "equidistant_full_sphere": FULL_SPHERE,
     "mei": Mei(1280, 960, 409.0, 410.5, 630.3, 431.9, 1.053, -0.0083, 0.0118, 0.0228, -0.0042, np.radians(105.0)),
     "mei_mirror": Mei(800, 800, 620.0, 618.0, 402.0, 399.0, 2.4, -0.15, 0.04, 0.001, -0.002, np.radians(110.0)),
     "mei_perspective": Mei(640, 480, 300.0, 310.0, 322.0, 236.5, 0.0, -0.1, 0.01, 0.001, 0.0005),
@@ -54,10 +43,7 @@ CAMERAS: dict[str, CameraModel] = {
     "eucm": Eucm(752, 480, 210.0, 211.0, 365.8, 248.9, 0.586, 1.139, np.radians(105.0)),
     "eucm_folding": Eucm(1000, 960, 240.0, 242.0, 498.0, 483.0, 0.66, 0.9),
     "eucm_narrow": Eucm(640, 480, 280.0, 282.0, 318.0, 242.0, 0.3, 1.4),
-    "pinhole": Pinhole(640, 480, 300.0, 310.0, 322.0, 236.5),
-    "brown": Pinhole(800, 600, 520.0, 525.0, 405.0, 296.0, **BROWN_TERMS),
-    "brown_folding": Pinhole(800, 600, 300.0, 300.0, 405.0, 296.0, k1=-0.25, p1=0.01, p2=-0.008),
-    "pincushion": Pinhole(800, 600, 400.0, 400.0, 400.0, 300.0, k1=0.2, p1=-0.003, k3=0.05),
+    **PINHOLES,
     "dual_fisheye": DUAL,
     "dual_fisheye_overlapping": DualFisheye(
         FisheyeLens(dual_lens(620.0, 481.5), DUAL.front.camera_from_lens),
@@ -75,18 +61,6 @@ CAMERAS["stitched_dual"] = StitchedEquirectangular(
 CENTRAL = [name for name in CAMERAS if "dual" not in name]
 every_camera = pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS.keys())
 central_camera = pytest.mark.parametrize("camera", [CAMERAS[name] for name in CENTRAL], ids=CENTRAL)
-
-
-def image_pixels(camera: CameraModel, step: float = 7.3) -> FloatArray:
-    u, v = np.meshgrid(np.arange(0, camera.width, step), np.arange(0, camera.height, step))
-    return np.stack([u, v], axis=-1)
-
-
-def random_points(count: int, seed: int = 0) -> FloatArray:
-    rng = np.random.default_rng(seed)
-    directions = rng.normal(size=(count, 3))
-    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
-    return np.asarray(directions * rng.uniform(0.3, 20.0, size=(count, 1)))
 
 
 def pixel_distance(camera: CameraModel, a: FloatArray, b: FloatArray) -> FloatArray:

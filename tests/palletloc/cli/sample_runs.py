@@ -1,7 +1,5 @@
 """Runs over the sample with known errors, surveys of it, and the command that evaluates them, for tests."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil
@@ -100,6 +98,11 @@ def write_survey(recording: Path, stops: Mapping[str, float], shift: float = 0.0
 def evaluate(recording: Path, out: Path, *options: str | Path) -> int:
     """Run ``palletloc evaluate`` over a recording and return its exit code."""
     return run(["evaluate", str(recording), "--out", str(out), *map(str, options)])
+
+
+def estimates(*folders: Path) -> list[str | Path]:
+    """Return the options that name the runs to evaluate."""
+    return [part for folder in folders for part in ("--estimate", folder)]
 
 
 def read_metrics(out: Path) -> Any:

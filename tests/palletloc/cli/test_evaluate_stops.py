@@ -1,14 +1,11 @@
 """Several shots while the forklift stands: accuracy and repeatability in the terms of ISO 9283."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-import palletloc.report.evaluation_page
 from palletloc.geometry import FloatArray, LevelPose, level_pose
 from palletloc.io.measurements import write_measurements
 from palletloc.io.truth import read_truth
@@ -90,21 +87,14 @@ def test_every_shot_of_a_stop_is_a_repetition(evaluated: Path) -> None:
 def test_the_report_has_a_row_for_each_stop_with_its_repeatability(evaluated: Path) -> None:
     page = (evaluated / "report.html").read_text(encoding="utf-8")
     for stop in stops_of(evaluated):
-        cells = [
-            stop["stop"],
-            stop["pallet"],
-            str(REPEATS),
-            f"{1000 * stop['ap_m']:.1f}",
-            f"{1000 * stop['rp_m']:.1f}",
-        ]
+        numbers = (1000 * stop[name] for name in ("ap_m", "rp_m"))
+        cells = [stop["stop"], stop["pallet"], str(REPEATS), *(f"{number:.1f}" for number in numbers)]
         row = "".join(f'<td class="text">{cell}</td>' for cell in cells[:2])
         assert row + "".join(f"<td>{cell}</td>" for cell in cells[2:]) in page
 
 
-def test_the_limit_says_which_shots_belong_to_a_stop(
-    tmp_path: Path, recording: Path, estimate: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(palletloc.report.evaluation_page, "evaluation_page", lambda *_, **__: "")
+@pytest.mark.usefixtures("undrawn")
+def test_the_limit_says_which_shots_belong_to_a_stop(tmp_path: Path, recording: Path, estimate: Path) -> None:
     assert evaluate(recording, tmp_path / "out", "--estimate", estimate, "--stop-limit", "0.11") == 0
     assert {stop["n"] for stop in stops_of(tmp_path / "out")} == {2}
     assert evaluate(recording, tmp_path / "none", "--estimate", estimate, "--stop-limit", "0.05") == 1

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -22,12 +20,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 @pytest.mark.parametrize(
     ("camera", "side"),
-    [
-        ("equirectangular", "left"),
-        ("dual_fisheye", "right"),
-        ("kannala_brandt", "left"),
-        ("pinhole", "right"),
-    ],
+    [("equirectangular", "left"), ("dual_fisheye", "right"), ("kannala_brandt", "left"), ("pinhole", "right")],
 )
 def test_what_it_writes_is_a_recording_with_truth(tmp_path: Path, camera: str, side: str) -> None:
     out = tmp_path / "approach"

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import io
 from collections import Counter
 from dataclasses import replace
@@ -11,10 +9,10 @@ from matplotlib.colors import to_rgb, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
 
+from palletloc import Opening, PalletModel, load_library
 from palletloc.drawing.pallets import pallets_figure, pallets_png
 from palletloc.geometry import BoolArray
-from palletloc.pallet import Opening, PalletModel
-from palletloc.pallet_library import load_library
+from tests.palletloc.drawing.readable import some_overlap
 
 LIBRARY = load_library()
 CLOSED = LIBRARY["epal1-1200"]
@@ -139,11 +137,7 @@ def test_nothing_of_the_library_leaves_the_page(library_figure: Figure) -> None:
 
 def test_no_text_covers_another(library_figure: Figure) -> None:
     texts = [text for text in library_figure.axes[0].texts if text.get_text()]
-    boxes = np.array([text.get_window_extent().extents for text in texts])
-    low, high = boxes[:, :2], boxes[:, 2:]
-    shared = np.minimum(high[:, None], high) - np.maximum(low[:, None], low)
-    covered = np.all(shared > 1.5, axis=-1) & ~np.eye(len(boxes), dtype=bool)
-    assert not covered.any()
+    assert not some_overlap(np.array([text.get_window_extent().extents for text in texts]), 1.5)
 
 
 def test_the_page_has_room_for_the_highest_face_wherever_it_stands() -> None:

@@ -1,28 +1,29 @@
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle
 
-from palletloc.candidate import Candidate, Fit, Refusal, last_step
-from palletloc.drawing.canvas import WIDTH_PX, png
+from palletloc import Candidate, Explanation, Fit, LevelPose, Localizer, PalletModel, Refusal, Shot, Start
+from palletloc.candidate import last_step
+from palletloc.drawing.canvas import WIDTH_PX, add_axes, new_figure
 from palletloc.drawing.face_figure import face_figure
 from palletloc.drawing.search_figure import search_figure
+from palletloc.drawing.shelf_figure import Label, write_labels
 from palletloc.drawing.stages import stage_pictures
 from palletloc.explained import EdgeFate, SearchAxes, account_edges
 from palletloc.face import EdgeKind
-from palletloc.geometry import LevelPose
-from palletloc.localizer import Explanation, Localizer, Start
+from palletloc.geometry import FloatArray
 from palletloc.measurement import Reason, Stage
-from palletloc.pallet import PalletModel
 from palletloc.refinement.face_fit import FaceEstimate
 from palletloc.refinement.search import Search
-from palletloc.shot import Shot
+from tests.palletloc.drawing.readable import require_readable, some_overlap
 
 POSE = LevelPose(0.4, 2.0, 0.0, np.radians(91))
 
@@ -59,22 +60,6 @@ def far(near: Fit) -> Fit:
     """Return a fit that was looked for coarsely first, and closer around three peaks."""
     found = search_of(near)
     return replace(near, steps=(replace(found, finer=(found,) * 3),))
-
-
-def require_readable(figure: Figure) -> None:
-    """Check that texts beside the axes and the axes' labels lie on the page and cover no other."""
-    png(figure)  # places the texts
-    width, height = figure.get_size_inches() * figure.dpi
-    outside = [text for text in figure.texts if text.get_text()]
-    outside += [label for axes in figure.axes for label in (axes.xaxis.label, axes.yaxis.label) if label.get_text()]
-    outside += [text for legend in figure.legends for text in legend.get_texts()]
-    boxes = np.array([text.get_window_extent().extents for text in outside])
-    assert (boxes[:, :2] >= 0).all()
-    assert (boxes[:, 2] <= width).all()
-    assert (boxes[:, 3] <= height).all()
-    low, high = boxes[:, :2], boxes[:, 2:]
-    shared = np.minimum(high[:, None], high) - np.maximum(low[:, None], low)
-    assert not (np.all(shared > 1.0, axis=-1) & ~np.eye(len(boxes), dtype=bool)).any()
 
 
 def label_of(figure: Figure, start: str) -> str:
@@ -182,3 +167,43 @@ def test_what_stands_before_the_face_is_shown(near: Fit, shot: Shot) -> None:
     spans = [patch.get_bbox() for patch in figure.axes[1].patches if isinstance(patch, Rectangle)]
     assert [(box.x0, box.x1) for box in spans] == [pytest.approx((0.3, 0.55))]
     require_readable(figure)
+
+
+POINTS = st.lists(st.tuples(st.floats(0, 10), st.floats(0, 1)), min_size=1, max_size=20)
+
+
+def chart() -> Axes:
+    axes = add_axes(new_figure(200), 60, 20, 1200, 150)
+    axes.set(xlim=(-0.5, 10.5), ylim=(-0.2, 1.2))
+    return axes
+
+
+def boxes_of(axes: Axes) -> FloatArray:
+    return np.array([text.get_window_extent().extents for text in axes.texts]).reshape(-1, 4)
+
+
+@settings(max_examples=20, deadline=None)
+@given(points=POINTS)
+def test_names_cover_neither_each_other_nor_points(points: list[tuple[float, float]]) -> None:
+    axes = chart()
+    write_labels(axes, [Label(x, y, f"C{i}") for i, (x, y) in enumerate(points)])
+    boxes = boxes_of(axes)
+    low, high = boxes[:, :2], boxes[:, 2:]
+    assert not some_overlap(boxes, 0.0)
+    centers = axes.transData.transform(points)
+    assert not ((centers[:, None] > low) & (centers[:, None] < high)).all(axis=-1).any()
+
+
+def test_an_important_name_stays_where_there_is_no_room() -> None:
+    axes = chart()
+    crowd = [Label(5 + 0.02 * x, 0.1 * y, f"C{x}-{y}") for x in range(-9, 10) for y in range(11)]
+    write_labels(axes, [*crowd, Label(5.0, 0.5, "P1", important=True)])
+    written = {text.get_text() for text in axes.texts}
+    assert "P1" in written
+    assert len(written) < len(crowd)
+
+
+def test_no_point_needs_no_name() -> None:
+    axes = chart()
+    write_labels(axes, [])
+    assert list(axes.texts) == []

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -36,6 +34,7 @@ from palletloc.paper.yaw import YawEstimate, YawVote
 from palletloc.plane import PALLET_FROM_VERTICAL, place_plane
 from palletloc.shelf import ShelfPlane
 from palletloc.shot import Shot
+from tests.palletloc.drawing.readable import require_readable
 
 SHELF = ShelfPlane(1.0, 2.0, np.radians(-90.0), (0.0,))
 Placed = tuple[PalletModel, LevelPose]
@@ -65,27 +64,6 @@ def found(explained: Explanation) -> Fit:
     pallet = dict(name_candidates(explained))["P1"]
     assert isinstance(pallet, Fit)
     return pallet
-
-
-def page_of(figure: Figure) -> tuple[float, float]:
-    width, height = figure.get_size_inches() * figure.dpi
-    return float(width), float(height)
-
-
-def require_readable(figure: Figure) -> None:
-    """Check that all texts outside the axes lie on the page and cover no other."""
-    png(figure)  # places the texts
-    width, height = page_of(figure)
-    outside = [text for text in figure.texts if text.get_text()]
-    outside += [label for axes in figure.axes for label in (axes.xaxis.label, axes.yaxis.label) if label.get_text()]
-    outside += [text for legend in figure.legends for text in legend.get_texts()]
-    boxes = np.array([text.get_window_extent().extents for text in outside])
-    assert (boxes[:, :2] >= 0).all()
-    assert (boxes[:, 2] <= width).all()
-    assert (boxes[:, 3] <= height).all()
-    low, high = boxes[:, :2], boxes[:, 2:]
-    shared = np.minimum(high[:, None], high) - np.maximum(low[:, None], low)
-    assert not (np.all(shared > 1.0, axis=-1) & ~np.eye(len(boxes), dtype=bool)).any()
 
 
 def test_the_pictures_are_numbered_in_the_order_of_the_stages(pictures: list[Picture]) -> None:
@@ -248,7 +226,7 @@ def test_names_of_stacked_pallets_do_not_cover_each_other(t11: PalletModel) -> N
     png(figure)
     boxes = [text.get_window_extent() for text in figure.axes[0].texts if text.get_text().startswith("P")]
     assert len(boxes) == 3
-    assert not any(one.overlaps(other) for i, one in enumerate(boxes) for other in boxes[:i])
+    assert not any(box.overlaps(other) for i, box in enumerate(boxes) for other in boxes[:i])
 
 
 def test_the_map_has_a_row_of_numbers_for_each_pallet(t11: PalletModel) -> None:

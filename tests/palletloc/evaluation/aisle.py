@@ -1,7 +1,5 @@
 """A small aisle with two pallets and a path past them, for tests of runs over it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import sys
 import types
 from collections.abc import Iterator
@@ -216,11 +214,7 @@ class Word(StrEnum):
 
 
 def test_each_field_has_the_text_below_it_on_one_line() -> None:
-    assert field_meanings(Sample) == {
-        "first": "One line.",
-        "second": "Two lines.",
-        "after": "Not of the one before.",
-    }
+    assert field_meanings(Sample) == {"first": "One line.", "second": "Two lines.", "after": "Not of the one before."}
 
 
 def test_members_of_an_enumeration_have_theirs() -> None:

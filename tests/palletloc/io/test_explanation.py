@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -8,14 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palletloc.candidate import Fit, Refusal, last_step
-from palletloc.geometry import LevelPose
+from palletloc import Explanation, Fit, LevelPose, Localizer, PalletModel, Refusal, Shot, Start
+from palletloc.candidate import last_step
 from palletloc.io.explanation import explanation_document
-from palletloc.localizer import Explanation, Localizer, Start
 from palletloc.measurement import Reason, Stage
-from palletloc.pallet import PalletModel
 from palletloc.refinement.search import Search
-from palletloc.shot import Shot
 
 POSE = LevelPose(0.4, 2.0, 0.0, np.radians(91))
 START = replace(POSE, y=2.05)

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import weakref
 from collections.abc import Iterator
 from dataclasses import replace
@@ -9,16 +7,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from palletloc.cameras.equirectangular import Equirectangular
-from palletloc.errors import PalletLocError
-from palletloc.geometry import Image, LevelPose, wrap_angle
+from palletloc import LevelPose, Mounting, PalletLocError, Recording, ShelfPlane, read_recording
+from palletloc.cameras import Equirectangular
+from palletloc.geometry import Image, wrap_angle
 from palletloc.io.atomic import OutputError
 from palletloc.io.images import ImageError
-from palletloc.io.recording import Recording, ShotError, ShotFile, check_shelf, read_recording, write_recording
+from palletloc.io.recording import ShotError, ShotFile, check_shelf, write_recording
 from palletloc.io.truth import TruePallet, Truth, read_truth
-from palletloc.mounting import Mounting
 from palletloc.prior import PriorConfig
-from palletloc.shelf import ShelfPlane
 from palletloc.trajectory import TrajectoryError
 
 PRIOR = PriorConfig(drift_rate_deg_s=0.5, max_drift_deg=0.8)
@@ -93,18 +89,8 @@ LENS = "{model: kannala_brandt, width: 64, height: 32, focal_px: [20, 20], cente
 @pytest.mark.parametrize(
     ("file", "old", "new", "said"),
     [
-        (
-            "recording.yaml",
-            "shelf:",
-            "shelv:",
-            r"recording\.yaml: unknown key 'shelv'; did you mean 'shelf'\?",
-        ),
-        (
-            "recording.yaml",
-            "mine",
-            "mime",
-            r"recording\.yaml: pallets: unknown pallet model 'mime'; .*'mine'",
-        ),
+        ("recording.yaml", "shelf:", "shelv:", r"recording\.yaml: unknown key 'shelv'; did you mean 'shelf'\?"),
+        ("recording.yaml", "mine", "mime", r"recording\.yaml: pallets: unknown pallet model 'mime'; .*'mine'"),
         ("recording.yaml", "-90.0", ".nan", r"recording\.yaml: shelf\.facing_deg: expected a finite number"),
         (
             "recording.yaml",
@@ -112,29 +98,14 @@ LENS = "{model: kannala_brandt, width: 64, height: 32, focal_px: [20, 20], cente
             LENS + ", distortion: [-1, 0, 0, 0], max_angle_deg: 95}",
             r"recording\.yaml: camera: .*max_angle",
         ),
-        (
-            "pallets.yaml",
-            "width_m: 1.1",
-            "widht_m: 1.1",
-            r"pallets\.yaml: mine: .*'widht_m'; did you mean 'width_m'",
-        ),
+        ("pallets.yaml", "width_m: 1.1", "widht_m: 1.1", r"pallets\.yaml: mine: .*'widht_m'; did you mean 'width_m'"),
         ("shots.csv", "file\n", "name\n", r"shots\.csv, line 1: unknown column 'name'"),
         ("shots.csv", "0.5,", "half,", r"shots\.csv, line 3: time_s: expected a finite number, got 'half'"),
         ("shots.csv", "0.5,", "0.0,", r"shots\.csv, line 3: time_s: 0\.0 repeats 0\.0 of line 2"),
         ("shots.csv", "0.5,", "1.5,", r"shots\.csv, line 4: time_s: 1\.0 is earlier than 1\.5 of line 3"),
         ("shots.csv", "images/1.png", "", r"shots\.csv, line 3: file: expected a text"),
-        (
-            "odometry.csv",
-            "speed_mps",
-            "speed",
-            r"odometry\.csv, line 1: unknown column 'speed'; .*'speed_mps'",
-        ),
-        (
-            "odometry.csv",
-            "0.05",
-            "NaN",
-            r"odometry\.csv, line 3: yaw_rad: expected a finite number, got 'NaN'",
-        ),
+        ("odometry.csv", "speed_mps", "speed", r"odometry\.csv, line 1: unknown column 'speed'; .*'speed_mps'"),
+        ("odometry.csv", "0.05", "NaN", r"odometry\.csv, line 3: yaw_rad: expected a finite number, got 'NaN'"),
         ("odometry.csv", "\n1.0,", "\n0.5,", r"odometry\.csv, line 4: time_s: 0\.5 repeats 0\.5 of line 3"),
         ("odometry.csv", "0.1,0.4,0.1\n", "0.1,0.4", r"odometry\.csv, line \d: expected 6 cells, got 5"),
     ],

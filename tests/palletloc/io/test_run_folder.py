@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -76,10 +74,7 @@ def test_a_whole_run_leaves_the_tables_and_its_status(tmp_path: Path) -> None:
     assert [(row.file, type(row)) for row in rows] == [
         (row.file, type(row)) for shot in SHOTS for row in rows_of(shot)
     ]
-    assert [refusal.file for refusal in read_refusals(out / "refusals.csv")] == [
-        "images/1.jpg",
-        "images/3.jpg",
-    ]
+    assert [refusal.file for refusal in read_refusals(out / "refusals.csv")] == ["images/1.jpg", "images/3.jpg"]
     status = json.loads((out / "run.json").read_text())
     assert status["complete"] is True
     assert (status["shots"], status["done"], status["skipped"]) == (5, 5, [])

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +16,7 @@ def turning() -> Truth:
     times = np.linspace(0, 4, 9)
     path = Trajectory(times, np.cos(times), np.sin(times), times + np.pi / 2, z=0.01 * times)
     return Truth(
-        path,
-        (TruePallet("A", "t11", LevelPose(4.15, 1.89, 0.0, 1.5)), TruePallet("B", "e,1", path.pose_at(1))),
+        path, (TruePallet("A", "t11", LevelPose(4.15, 1.89, 0.0, 1.5)), TruePallet("B", "e,1", path.pose_at(1)))
     )
 
 

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from palletloc.report.page import Column, commands, heading, key_figures, listing, page, paragraph, picture, table
 
 NASTY = '<b>"quoted" & $dollar</b>'

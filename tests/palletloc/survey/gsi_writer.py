@@ -1,7 +1,5 @@
 """Writing GSI-8 and GSI-16: what was read comes out as it stood, and values become words."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from pathlib import Path

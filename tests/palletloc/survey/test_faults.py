@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -83,10 +81,7 @@ def renamed(points: Points) -> None:
         (scaled(1000), r"lines 2 and 4: .*: in millimetres, expected metres"),
         (scaled(0.3048), r"metres that are marked as feet"),
         (scaled(10), r"lines 2 and 4: .*: distances are 10 times the body's: is the unit digit of the words wrong\?"),
-        (
-            moved("V3-S2", [2000.0, 0.0, 0.0]),
-            r"line 7: point 'V3-S2' .* up to \d{4}\S* m off; do its coordinates",
-        ),
+        (moved("V3-S2", [2000.0, 0.0, 0.0]), r"line 7: point 'V3-S2' .* up to \d{4}\S* m off; do its coordinates"),
         (
             scaled(1.01),
             r"lines \d and \d: points '.*' and '.*' are \S+ m apart, expected \S+ m on stop 'S1' .scale 1\.01",

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import math
 from pathlib import Path
 
@@ -146,10 +144,7 @@ def test_repeated_lines_are_averaged() -> None:
     [
         (polar_words(TARGETS["P1"], STATION)[:2], "has neither coordinates"),
         (coordinate_words(TARGETS["P1"])[:2], "has neither coordinates"),
-        (
-            [*polar_words(TARGETS["P1"], STATION)[:3], GsiWord("87", "...0", "+", "-" * 16)],
-            "word 87 without a value",
-        ),
+        ([*polar_words(TARGETS["P1"], STATION)[:3], GsiWord("87", "...0", "+", "-" * 16)], "word 87 without a value"),
     ],
 )
 def test_a_line_without_a_place_is_noted_and_gives_no_point(words: list[GsiWord], said: str) -> None:

@@ -1,17 +1,17 @@
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 
+from palletloc import LevelPose, PalletModel
 from palletloc.choices import Illumination
-from palletloc.geometry import LevelPose
-from palletloc.pallet import PalletModel
 from palletloc.synthetic.lighting import light_field, light_of
 from palletloc.synthetic.pallet_solid import PalletBody
+from palletloc.synthetic.rig import Sensor, expose
+from palletloc.synthetic.samples import Samples
 from palletloc.synthetic.scene import Box, Material
+from palletloc.synthetic.texture import Texture, TexturePattern, noise_levels, sample, srgb
 
 GREY = Material((0.5, 0.5, 0.5))
 Scenes = Callable[[list[Any]], Any]
@@ -62,3 +62,94 @@ def test_every_kind_of_light_gives_open_ground_the_light_that_it_says(kind: Illu
     assert np.linalg.norm(light.directions, axis=1) == pytest.approx(1.0)
     assert all(z > 0 for _, _, z in light.directions)
     assert (light.colour[1] < 0.5) == (kind is Illumination.DIM)
+
+
+@pytest.mark.parametrize("pattern", list(TexturePattern))
+def test_noise_has_zero_mean_and_unit_variance_and_closes_around(pattern: TexturePattern) -> None:
+    tile = noise_levels(pattern, 3)[0]
+    assert tile[:-1, :-1].mean() == pytest.approx(0.0, abs=1e-3)
+    assert tile[:-1, :-1].std() == pytest.approx(1.0, abs=1e-3)
+    assert (tile[0] == tile[-1]).all()
+    assert (tile[:, 0] == tile[:, -1]).all()
+
+
+@pytest.mark.parametrize("pattern", list(TexturePattern))
+def test_equal_seeds_give_equal_noise(pattern: TexturePattern) -> None:
+    noise_levels.cache_clear()
+    first = noise_levels(pattern, 1)[0].copy()
+    noise_levels.cache_clear()
+    assert (noise_levels(pattern, 1)[0] == first).all()
+    assert (noise_levels(pattern, 2)[0] != first).any()
+
+
+def test_a_texture_repeats_after_its_period_and_fades_with_the_footprint() -> None:
+    texture = Texture(TexturePattern.SPECKLE, 0.5, 0.1)
+    u, v = np.random.default_rng(0).uniform(0, 3, (2, 5000)).astype(np.float32)
+    fine = np.full(5000, 1e-4, np.float32)
+    near = sample(texture, 0, u, v, fine)
+    assert near.std() > 0.05
+    assert sample(texture, 0, u + np.float32(0.5), v, fine) == pytest.approx(near, abs=0.02)
+    deviations = [sample(texture, 0, u, v, fine * factor).std() for factor in (1, 40, 160, 1e4)]
+    assert deviations == sorted(deviations, reverse=True)
+    assert deviations[-1] == 0.0
+
+
+def test_screen_grey_is_darker_in_linear_light() -> None:
+    assert srgb(188, 188, 188) == pytest.approx((0.5, 0.5, 0.5), abs=0.01)
+    assert srgb(0, 0, 0) == (0.0, 0.0, 0.0)
+
+
+PLAIN = Sensor(blur_px=0.0, noise=0.0, jpeg_quality=0)
+
+
+def grey(light: float) -> Samples:
+    return np.full((120, 160, 3), light, np.float32)
+
+
+def rng() -> np.random.Generator:
+    return np.random.default_rng(11)
+
+
+def test_a_plain_sensor_codes_light_as_screens_do() -> None:
+    for light, level in ((0.0, 0), (0.2140, 127), (0.5, 188), (1.0, 255), (3.0, 255)):
+        assert expose(grey(light), PLAIN, False, rng())[0, 0].tolist() == pytest.approx([level] * 3, abs=1)
+
+
+def test_noise_has_the_stated_size_at_a_middle_grey() -> None:
+    image = expose(grey(0.18), Sensor(blur_px=0.0, noise=4.0, jpeg_quality=0), False, rng())
+    assert image.std() == pytest.approx(4.0, rel=0.05)
+
+
+def test_gain_brightens_and_falloff_darkens_the_lower_edge() -> None:
+    image = expose(grey(0.1), Sensor(0.0, 2.0, 0.0, 0.5, 0), False, rng())
+    assert image[0, 0, 0] == expose(grey(0.2), PLAIN, False, rng())[0, 0, 0]
+    assert image[-1, 0, 0] == expose(grey(0.1), PLAIN, False, rng())[0, 0, 0]
+
+
+def test_blur_keeps_the_place_of_an_edge_and_its_width_is_the_stated_one() -> None:
+    light = np.zeros((60, 80, 3), np.float32)
+    light[:, 40:] = 1.0
+    code = np.arange(256) / 255
+    linear = np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4)
+    row = linear[expose(light, Sensor(2.0, noise=0.0, jpeg_quality=0), False, rng())[30, :, 1]]
+    weights, columns = np.diff(row), np.arange(79) + 0.5
+    middle = (weights * columns).sum() / weights.sum()
+    assert middle == pytest.approx(39.5, abs=0.02)
+    assert np.sqrt((weights * (columns - middle) ** 2).sum()) == pytest.approx(2.0, abs=0.08)
+
+
+def test_a_closed_image_is_blurred_across_its_seam() -> None:
+    light = np.random.default_rng(1).uniform(0, 1, (40, 64, 3)).astype(np.float32)
+    sensor = Sensor(1.5, noise=0.0, jpeg_quality=0)
+    rolled = expose(np.roll(light, 32, axis=1), sensor, True, rng())
+    assert (rolled == np.roll(expose(light, sensor, True, rng()), 32, axis=1)).all()
+
+
+def test_compression_changes_the_image_the_more_the_lower_its_quality() -> None:
+    light = np.random.default_rng(1).uniform(0, 1, (64, 64, 3)).astype(np.float32)
+    exact = expose(light, PLAIN, False, rng()).astype(float)
+    errors = [
+        np.abs(expose(light, Sensor(0.0, noise=0.0, jpeg_quality=q), False, rng()) - exact).mean()
+        for q in (95, 60, 20)
+    ]
+    assert 0 < errors[0] < errors[1] < errors[2]

@@ -24,7 +24,7 @@ DUAL = DualFisheye(
         RigidTransform.from_components([-0.013, 0.0, 0.001], Rotation.from_euler("zx", [3.13, 0.02])),
     ),
 )
-PINHOLES: dict[str, CameraModel] = {
+PINHOLES = {
     "pinhole": Pinhole(640, 480, 300.0, 310.0, 322.0, 236.5),
     "brown": Pinhole(800, 600, 520.0, 525.0, 405.0, 296.0, **BROWN_TERMS),
     "brown_folding": Pinhole(800, 600, 300.0, 300.0, 405.0, 296.0, k1=-0.25, p1=0.01, p2=-0.008),

@@ -72,13 +72,16 @@ def pixel_distance(camera: CameraModel, a: FloatArray, b: FloatArray) -> FloatAr
 
 @every_camera
 @pytest.mark.parametrize("distance", [0.3, 4.0, 500.0])
-def test_project_inverts_unproject_all_over_the_image(camera: CameraModel, distance: float) -> None:
+def test_project_inverts_unproject_all_over_the_image_and_rays_are_unit_vectors(
+    camera: CameraModel, distance: float
+) -> None:
     pixels = image_pixels(camera)
     rays = camera.unproject(pixels)
     points = rays.origins + distance * rays.directions
     # Where two lenses overlap, the other one may be responsible for the point.
     own = rays.valid & (camera.centers(points) == rays.origins).all(axis=-1)
     assert own.mean() > 0.3
+    np.testing.assert_allclose(np.linalg.norm(rays.directions[rays.valid], axis=-1), 1.0, rtol=1e-14)
     projection = camera.project(points)
     assert projection.valid[own].all()
     assert pixel_distance(camera, projection.pixels[own], pixels[own]).max() < 1e-9
@@ -123,12 +126,6 @@ def test_a_point_is_seen_exactly_where_its_pixel_looks(
         assert pixel_distance(camera, again.pixels, projection.pixels) < 1e-8
 
 
-@every_camera
-def test_rays_are_unit_vectors(camera: CameraModel) -> None:
-    rays = camera.unproject(image_pixels(camera))
-    np.testing.assert_allclose(np.linalg.norm(rays.directions[rays.valid], axis=-1), 1.0, rtol=1e-14)
-
-
 @central_camera
 @given(scale=st.floats(1e-3, 1e5))
 def test_distance_does_not_matter_to_a_camera_with_one_centre(camera: CameraModel, scale: float) -> None:
@@ -157,22 +154,16 @@ def test_any_leading_shape_is_kept_in_float64(camera: CameraModel, shape: tuple[
 
 
 @every_camera
-def test_memory_layout_and_batching_do_not_matter(camera: CameraModel) -> None:
-    points = random_points(600)
+def test_memory_layout_and_batching_do_not_matter_and_inputs_are_left_alone(camera: CameraModel) -> None:
+    points, pixels = random_points(600), image_pixels(camera, 50.0)
+    points.flags.writeable = pixels.flags.writeable = False
+    camera.unproject(pixels)
+    camera.centers(points)
     together = camera.project(points)
     transposed = camera.project(np.asfortranarray(points).reshape(20, 30, 3))
     np.testing.assert_array_equal(transposed.pixels.reshape(-1, 2), together.pixels)
     one_by_one = np.array([camera.project(point).pixels for point in points[:50]])
     np.testing.assert_allclose(one_by_one, together.pixels[:50], rtol=1e-13)
-
-
-@every_camera
-def test_inputs_are_left_alone(camera: CameraModel) -> None:
-    points, pixels = random_points(100), image_pixels(camera, 50.0)
-    points.flags.writeable = pixels.flags.writeable = False
-    camera.project(points)
-    camera.unproject(pixels)
-    camera.centers(points)
 
 
 @every_camera
@@ -193,14 +184,10 @@ def test_what_is_not_finite_is_not_seen(camera: CameraModel, bad: float, axis: i
 
 
 @every_camera
-def test_the_origin_is_not_seen(camera: CameraModel) -> None:
+def test_the_origin_is_not_seen_and_pixels_off_the_image_see_nothing(camera: CameraModel) -> None:
     projection = camera.project(np.zeros((2, 3)))
     assert not projection.valid.any()
     assert np.isnan(projection.pixels).all()
-
-
-@every_camera
-def test_pixels_off_the_image_see_nothing(camera: CameraModel) -> None:
     middle = (camera.width / 2, camera.height / 2)
     off = [(middle[0], -0.6), (middle[0], camera.height - 0.4)]
     if camera.period_px is None:
@@ -214,9 +201,8 @@ def test_pixels_off_the_image_see_nothing(camera: CameraModel) -> None:
 def test_projected_pixels_lie_on_the_image(camera: CameraModel) -> None:
     projection = camera.project(random_points(20_000, seed=1))
     u, v = projection.pixels[projection.valid].T
-    assert u.min() >= -0.5
+    assert min(u.min(), v.min()) >= -0.5
     assert u.max() <= camera.width - 0.5
-    assert v.min() >= -0.5
     assert v.max() <= camera.height - 0.5
     assert np.isnan(projection.pixels[~projection.valid]).all()
 

@@ -56,13 +56,10 @@ def test_inverse_undoes_the_polynomial(polynomial: OddPolynomial) -> None:
     assert found.max() <= upper
 
 
-def test_inverse_is_exact_where_the_slope_almost_vanishes() -> None:
+def test_inverse_is_exact_where_the_slope_almost_vanishes_and_none_beyond_the_reach_nor_of_nan() -> None:
     x = np.linspace(0.0, 2.0, 5001)
     found = FLAT_ON_THE_WAY.inverse(by_definition(FLAT_ON_THE_WAY, x), 2.0)
     np.testing.assert_allclose(found, x, atol=1e-12)
-
-
-def test_there_is_no_inverse_beyond_the_reach_nor_of_nan() -> None:
     turn = POLYNOMIALS["up_to_the_turn"]
     found = turn.inverse(np.array([[0.1, 0.6], [2 / 3 + 1e-9, np.nan]]), turn.increasing_until())
     np.testing.assert_array_equal(np.isnan(found), [[False, False], [True, True]])

@@ -33,21 +33,18 @@ def test_the_mean_square_is_that_of_the_mean_and_the_deviations(errors: list[flo
 
 @given(values)
 def test_turning_all_signs_turns_the_bias_and_no_size(errors: list[float]) -> None:
-    one, other = spread(errors), spread(-np.array(errors))
-    assert one is not None
-    assert other is not None
-    assert (other.bias, other.mean) == pytest.approx((-one.bias, -one.mean))
+    found, turned = spread(errors), spread(-np.array(errors))
+    assert found is not None
+    assert turned is not None
+    assert (turned.bias, turned.mean) == pytest.approx((-found.bias, -found.mean))
     sizes = ("n", "median", "rms", "p95", "maximum")
-    assert [getattr(other, name) for name in sizes] == pytest.approx([getattr(one, name) for name in sizes])
+    assert [getattr(turned, name) for name in sizes] == pytest.approx([getattr(found, name) for name in sizes])
 
 
-def test_the_95th_percentile_has_5_percent_above() -> None:
+def test_the_95th_percentile_has_5_percent_above_and_nothing_has_no_spread() -> None:
     found = spread(np.arange(1, 102.0))
     assert found is not None
     assert (found.n, found.p95, found.maximum) == (101, 96.0, 101.0)
-
-
-def test_nothing_has_no_spread() -> None:
     assert spread([]) is None
 
 
@@ -66,13 +63,15 @@ def test_the_ends_are_where_a_binomial_tail_holds_half_the_rest(count: tuple[int
 @given(counts)
 def test_failures_are_successes_seen_from_the_other_side(count: tuple[int, int]) -> None:
     successes, trials = count
-    one, other = clopper_pearson(successes, trials), clopper_pearson(trials - successes, trials)
-    assert (one.low, one.high) == pytest.approx((1 - other.high, 1 - other.low))
+    found, turned = clopper_pearson(successes, trials), clopper_pearson(trials - successes, trials)
+    assert (found.low, found.high) == pytest.approx((1 - turned.high, 1 - turned.low))
 
 
-def test_without_a_success_or_a_failure_the_interval_reaches_the_end() -> None:
-    assert clopper_pearson(0, 20).low == 0
-    assert clopper_pearson(20, 20).high == 1
+def test_without_a_success_or_a_failure_the_interval_reaches_the_end_and_without_a_trial_nothing_is_known() -> None:
+    assert (clopper_pearson(0, 20).low, clopper_pearson(20, 20).high) == (0, 1)
+    found = clopper_pearson(0, 0)
+    assert (found.low, found.high) == (0, 1)
+    assert np.isnan(found.value)
 
 
 def test_the_interval_covers_at_least_as_often_as_it_says() -> None:
@@ -89,16 +88,13 @@ def test_with_every_trial_a_success_the_bound_is_a_power() -> None:
     assert upper_bound(0, 30, 0.9) == pytest.approx(1 - 0.1 ** (1 / 30))
 
 
-def test_without_a_trial_nothing_is_known() -> None:
-    found = clopper_pearson(0, 0)
-    assert (found.low, found.high) == (0, 1)
-    assert np.isnan(found.value)
-
-
-@pytest.mark.parametrize(("successes", "trials", "confidence"), [(-1, 3, 0.9), (4, 3, 0.9), (1, 3, 0.0), (1, 3, 1.0)])
-def test_impossible_counts_are_refused(successes: int, trials: int, confidence: float) -> None:
-    with pytest.raises(ValueError, match="expected"):
-        clopper_pearson(successes, trials, confidence)
+def test_impossible_counts_and_requests_are_refused() -> None:
+    for successes, trials, confidence in ((-1, 3, 0.9), (4, 3, 0.9), (1, 3, 0.0), (1, 3, 1.0)):
+        with pytest.raises(ValueError, match="expected"):
+            clopper_pearson(successes, trials, confidence)
+    for freedom, confidence in ((0, 0.95), (4, 0.0), (4, 1.0)):
+        with pytest.raises(ValueError, match="expected"):
+            chi_square_check([4.0], freedom, confidence)
 
 
 def drawn(count: int, factor: float = 1.0) -> tuple[FloatArray, FloatArray]:
@@ -156,17 +152,8 @@ def test_unknown_values_are_left_out_and_improper_ones_count() -> None:
     check = chi_square_check([np.nan, 4.0, np.inf], 4)
     assert (check.n, check.unknown, check.improper, check.mean) == (2, 1, 1, np.inf)
     assert check.verdict is Consistency.OVERCONFIDENT
-
-
-def test_nothing_has_no_verdict() -> None:
-    check = chi_square_check([np.nan], 4)
-    assert (check.n, check.unknown, check.verdict) == (0, 1, Consistency.UNKNOWN)
-
-
-@pytest.mark.parametrize(("freedom", "confidence"), [(0, 0.95), (4, 0.0), (4, 1.0)])
-def test_impossible_requests_are_refused(freedom: int, confidence: float) -> None:
-    with pytest.raises(ValueError, match="expected"):
-        chi_square_check([4.0], freedom, confidence)
+    nothing = chi_square_check([np.nan], 4)
+    assert (nothing.n, nothing.unknown, nothing.verdict) == (0, 1, Consistency.UNKNOWN)
 
 
 def test_the_limits_by_default_are_2_degrees_and_2_cm() -> None:
@@ -216,25 +203,19 @@ def test_a_true_share_at_the_limit_is_called_met_no_oftener_than_the_confidence_
         assert verdicts.count(wrong) / len(verdicts) <= 0.1 + 0.03
 
 
-def test_missed_pallets_count_as_outside_where_asked() -> None:
+def test_missed_pallets_where_asked_and_values_that_are_not_finite_are_outside() -> None:
     checked = check_requirement(np.zeros((8, 4)), missed=2)
     assert checked.yaw.proportion.value == checked.together.proportion.value == 0.8
+    assert check_requirement(np.full((1, 4), np.nan)).yaw.proportion.successes == 0
 
 
 def test_no_errors_decide_nothing() -> None:
     assert check_requirement(np.zeros((0, 4))).together.verdict is Verdict.UNDECIDED
 
 
-def test_values_that_are_not_finite_are_outside() -> None:
-    assert check_requirement(np.full((1, 4), np.nan)).yaw.proportion.successes == 0
-
-
 @pytest.mark.parametrize("wrong", [{"depth": 0.0}, {"yaw": -1.0}, {"share": 1.0}, {"confidence": 0.0}])
-def test_an_impossible_requirement_is_refused(wrong: dict[str, float]) -> None:
+def test_an_impossible_requirement_and_errors_of_another_shape_are_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(ValueError, match=rf"requirement\.{next(iter(wrong))}: expected"):
         Requirement(**wrong)
-
-
-def test_errors_of_another_shape_are_refused() -> None:
     with pytest.raises(ValueError, match=r"expected \(n, 4\), got \(4,\)"):
         check_requirement(np.zeros(4))

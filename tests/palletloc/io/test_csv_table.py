@@ -1,5 +1,6 @@
 import math
 from enum import StrEnum
+from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -92,20 +93,13 @@ def test_a_bad_table_is_an_error_with_file_and_line(tmp_path: Path, old: str, ne
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("content", "said"),
-    [(b"time_s\xff\n", "not UTF-8"), (GOOD.encode("utf-16"), "not UTF-8"), (b"time_s,\0\n", "zero bytes")],
-)
-def test_a_file_that_is_no_text_is_an_error(tmp_path: Path, content: bytes, said: str) -> None:
-    with pytest.raises(InputError, match=rf"table\.csv: .*{said}"):
-        values(table(tmp_path, content))
-
-
-def test_a_missing_file_and_a_folder_are_errors(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"none\.csv: no such file"):
-        values(tmp_path / "none.csv")
-    with pytest.raises(InputError, match="is not a file"):
-        values(tmp_path)
+def test_a_file_that_is_no_text_missing_or_a_folder_is_an_error(tmp_path: Path) -> None:
+    for content, said in ((b"time_s\xff\n", "not UTF-8"), (GOOD.encode("utf-16"), "not UTF-8"), (b"a,\0\n", "zero")):
+        with pytest.raises(InputError, match=rf"table\.csv: .*{said}"):
+            values(table(tmp_path, content))
+    for path, said in ((tmp_path / "none.csv", r"none\.csv: no such file"), (tmp_path, "is not a file")):
+        with pytest.raises(InputError, match=said):
+            values(path)
 
 
 def test_an_unknown_word_names_the_nearest(tmp_path: Path) -> None:
@@ -132,10 +126,10 @@ def test_a_formatted_number_is_near_and_has_no_negative_zero(value: float) -> No
     assert float(text) != 0 or not text.startswith("-")
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_a_number_that_is_not_finite_is_never_written(value: float) -> None:
-    with pytest.raises(ValueError, match="finite"):
-        format_number(value)
+def test_a_number_that_is_not_finite_is_never_written() -> None:
+    for value in (math.nan, math.inf):
+        with pytest.raises(ValueError, match="finite"):
+            format_number(value)
 
 
 SHOTS = (ShotFile(0.0, "0.jpg"), ShotFile(0.336842, "1.jpg"), ShotFile(0.673684, "2.jpg"))
@@ -153,14 +147,8 @@ def test_starts_of_one_shot_come_together_and_in_order(tmp_path: Path) -> None:
     groups = read_starts(path, SHOTS)
     assert [group.shot.file for group in groups] == ["1.jpg", "0.jpg"]
     assert groups[0].starts == (Start("b", LevelPose(1.0, 2.0, 0.0, 0.5)), Start("a", LevelPose(1.5, 2.0, 0.0, 0.5)))
-
-
-def test_a_file_that_comes_back_to_a_shot_keeps_its_order(tmp_path: Path) -> None:
-    path = starts_file(tmp_path, "0,a,1,1,0,0", "0.673684,a,1,1,0,0", "0,b,1,1,0,0")
-    assert [group.shot.file for group in read_starts(path, SHOTS)] == ["0.jpg", "2.jpg", "0.jpg"]
-
-
-def test_no_rows_are_no_starts(tmp_path: Path) -> None:
+    back = starts_file(tmp_path, "0,a,1,1,0,0", "0.673684,a,1,1,0,0", "0,b,1,1,0,0")
+    assert [group.shot.file for group in read_starts(back, SHOTS)] == ["0.jpg", "2.jpg", "0.jpg"]
     assert read_starts(starts_file(tmp_path), SHOTS) == ()
 
 
@@ -266,18 +254,15 @@ def test_what_is_not_finite_is_never_written(tmp_path: Path, row: PalletMeasurem
     assert list(tmp_path.iterdir()) == []
 
 
-def test_refusals_written_are_refusals_read(tmp_path: Path) -> None:
+def test_refusals_written_are_refusals_read_and_an_unknown_reason_names_the_nearest(tmp_path: Path) -> None:
+    path = tmp_path / "refusals.csv"
     refusals = tuple(
         RefusedCandidate(0.1 * number, "t11", stage, reason, f"images/{number}.jpg")
-        for number, (stage, reason) in enumerate((stage, reason) for stage in Stage for reason in Reason)
+        for number, (stage, reason) in enumerate(product(Stage, Reason))
     )
-    write_refusals(tmp_path / "refusals.csv", refusals)
-    assert read_refusals(tmp_path / "refusals.csv") == refusals
-    assert (tmp_path / "refusals.csv").read_text().startswith("time_s,file,model,stage,reason\n0.0,images/0.jpg,t11,")
-
-
-def test_an_unknown_reason_names_the_nearest(tmp_path: Path) -> None:
-    path = tmp_path / "refusals.csv"
+    write_refusals(path, refusals)
+    assert read_refusals(path) == refusals
+    assert path.read_text().startswith("time_s,file,model,stage,reason\n0.0,images/0.jpg,t11,")
     path.write_text("time_s,file,model,stage,reason\n0.0,a.jpg,t11,yaw,no_lines\n")
     with pytest.raises(TableError, match=r"line 2: reason: unknown word 'no_lines'; did you mean 'no_line'\?"):
         read_refusals(path)

@@ -40,10 +40,13 @@ TEXT = "\n".join(REAL)
 
 
 @pytest.mark.parametrize("line", REAL)
-def test_a_real_line_is_read_and_written_byte_by_byte(line: str) -> None:
+def test_a_real_line_is_read_and_written_byte_by_byte_with_and_without_a_blank_at_its_end(line: str) -> None:
     block = parse_line(line, 3)
     assert format_block(block) == line
     assert parse_line(format_block(block), 3) == block
+    bare = parse_line(line.rstrip())
+    assert bare.words == block.words
+    assert format_block(bare) == line.rstrip()
 
 
 def test_values_of_a_real_line() -> None:
@@ -71,13 +74,6 @@ def test_utf_16_and_other_alphabets_are_read(tmp_path: Path) -> None:
     word = read_gsi(path).blocks[0].word("71")
     assert word
     assert word.text == "H\u00f6he"
-
-
-@pytest.mark.parametrize("line", REAL)
-def test_a_missing_blank_at_the_end_changes_nothing_else(line: str) -> None:
-    block = parse_line(line.rstrip())
-    assert block.words == parse_line(line).words
-    assert format_block(block) == line.rstrip()
 
 
 def test_dashes_are_no_value_and_noted_with_line_and_word() -> None:
@@ -135,9 +131,6 @@ def test_a_file_of_another_kind_is_an_error(tmp_path: Path, content: bytes, said
     path.write_bytes(content)
     with pytest.raises(InputError, match=said):
         read_gsi(path)
-
-
-def test_an_error_about_a_survey_is_one_about_input() -> None:
     assert issubclass(SurveyError, InputError)
 
 
@@ -259,21 +252,15 @@ def test_an_angle_written_is_the_angle_read(angle: float, unit: str) -> None:
     assert word.measure() == pytest.approx(angle, abs=0.51 * step)
 
 
-def test_seconds_round_up_to_the_next_minute_and_degree() -> None:
+def test_seconds_round_up_to_the_next_minute_and_degree_and_nothing_is_written_as_minus_zero() -> None:
     assert measured_word("21", math.radians(12 - 1e-7), "4", wide=False).data == "01200000"
-
-
-def test_nothing_is_written_as_minus_zero() -> None:
     assert measured_word("81", -1e-9, "6").sign == "+"
 
 
-@pytest.mark.parametrize("name", ["", "far too long", "007", " A", "A\n"])
-def test_a_name_that_would_not_be_read_back_is_refused(name: str) -> None:
-    with pytest.raises(ValueError, match="expected a text of 1 to 8 characters"):
-        text_word("11", name, wide=False)
-
-
-def test_a_value_that_does_not_fit_is_refused() -> None:
+def test_names_that_would_not_be_read_back_and_values_that_do_not_fit_are_refused() -> None:
+    for name in ("", "far too long", "007", " A", "A\n"):
+        with pytest.raises(ValueError, match="expected a text of 1 to 8 characters"):
+            text_word("11", name, wide=False)
     with pytest.raises(ValueError, match="does not fit 8 digits"):
         measured_word("81", 5250000.0, "8", wide=False)
     with pytest.raises(ValueError, match="cannot have the unit digit '2'"):

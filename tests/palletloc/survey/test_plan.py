@@ -19,14 +19,14 @@ bodies:
 """
 
 
-def plan_file(folder: Path, text: str = PLAN) -> Path:
-    path = folder / "survey.yaml"
+def written(folder: Path, name: str, text: str) -> Path:
+    path = folder / name
     path.write_text(text)
     return path
 
 
 def test_a_plan_is_read(tmp_path: Path) -> None:
-    plan = read_survey_plan(plan_file(tmp_path))
+    plan = read_survey_plan(written(tmp_path, "survey.yaml", PLAN))
     assert plan.survey == tmp_path / "survey.gsi"
     assert [(stop.name, stop.time) for stop in plan.stops] == [("S1", 1.05), ("S2", 3.16)]
     assert plan.pallets == ("A",)
@@ -37,7 +37,7 @@ def test_a_plan_is_read(tmp_path: Path) -> None:
 
 def test_a_plan_may_state_prism_known_points_and_level_bodies(tmp_path: Path) -> None:
     more = "level: true\nprism: {constant_mm: 0, convention: absolute, set_mm: 17.5}\nknown: {K1: [1, 2, 3]}\n"
-    plan = read_survey_plan(plan_file(tmp_path, PLAN + more))
+    plan = read_survey_plan(written(tmp_path, "survey.yaml", PLAN + more))
     assert plan.level
     assert plan.prism is not None
     assert plan.prism.true.convention is PrismConvention.ABSOLUTE
@@ -59,18 +59,14 @@ def test_a_plan_may_state_prism_known_points_and_level_bodies(tmp_path: Path) ->
         ("[0, 0.55, 0.012]", "[0, 0.55]", r"bodies\.A\.A-LL: expected 3 finite numbers"),
         ("A-LR: [0, -0.55, 0.012], 7: [0, 0.55, 0.132]", "", r"bodies\.A: has 1 targets, expected at least 2"),
         ("file: survey.gsi\n", "", r"file: is missing"),
+        (PLAN[PLAN.index("  A:") :], "", r"expected at least one pallet beside 'forklift'"),
     ],
 )
 def test_a_bad_plan_is_one_line_that_names_the_key(tmp_path: Path, old: str, new: str, said: str) -> None:
     assert old in PLAN
     with pytest.raises(InputError, match=said) as caught:
-        read_survey_plan(plan_file(tmp_path, PLAN.replace(old, new)))
+        read_survey_plan(written(tmp_path, "survey.yaml", PLAN.replace(old, new)))
     assert "\n" not in str(caught.value)
-
-
-def test_a_plan_without_pallets_is_an_error(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="expected at least one pallet beside 'forklift'"):
-        read_survey_plan(plan_file(tmp_path, PLAN[: PLAN.index("  A:")]))
 
 
 LANDXML = """\
@@ -89,12 +85,6 @@ LANDXML = """\
 </LandXML>
 """
 PLACES = {"A-LL": [413.7033, 190.6996, 11.6112], "A-LR": [414.5943, 191.3436, 11.6120]}
-
-
-def written(folder: Path, name: str, text: str) -> Path:
-    path = folder / name
-    path.write_text(text)
-    return path
 
 
 def test_landxml_gives_northing_before_easting(tmp_path: Path) -> None:

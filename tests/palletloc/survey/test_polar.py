@@ -53,8 +53,7 @@ def test_the_axes_are_easting_northing_and_height() -> None:
 @given(HORIZONTAL, ZENITH)
 def test_a_reduced_point_has_its_distance_and_heights(horizontal: float, zenith: float) -> None:
     sight = PolarObservation("P", horizontal, zenith, 7.5, reflector_height=1.3, instrument_height=1.6)
-    point = reduce_sight(sight, STATION)
-    aim = point - STATION.position + np.array([0, 0, 1.3 - 1.6])
+    aim = reduce_sight(sight, STATION) - STATION.position + np.array([0, 0, 1.3 - 1.6])
     assert np.linalg.norm(aim) == pytest.approx(7.5)
     assert line_of_sight(sight, STATION) @ aim == pytest.approx(7.5)
 
@@ -62,8 +61,7 @@ def test_a_reduced_point_has_its_distance_and_heights(horizontal: float, zenith:
 @given(HORIZONTAL, ZENITH)
 def test_both_faces_lead_to_one_point(horizontal: float, zenith: float) -> None:
     first, second = turned_over(PolarObservation("P", horizontal, zenith, 5.0))
-    assert second.second_face
-    assert not first.second_face
+    assert (first.second_face, second.second_face) == (False, True)
     assert_allclose(reduce_sight(first, STATION), reduce_sight(second, STATION), atol=1e-9)
 
 
@@ -104,10 +102,10 @@ def test_a_pair_of_faces_unlike_the_others_is_misread() -> None:
 
 
 def test_sights_of_different_targets_or_heights_are_not_averaged() -> None:
-    one = PolarObservation("P", 0.0, 1.5, 5.0)
-    for other in (replace(one, name="Q"), replace(one, reflector_height=1.0)):
+    first = PolarObservation("P", 0.0, 1.5, 5.0)
+    for other in (replace(first, name="Q"), replace(first, reflector_height=1.0)):
         with pytest.raises(ValueError, match="one target with equal heights"):
-            average_faces([one, other])
+            average_faces([first, other])
 
 
 def test_a_sight_without_distance_is_not_reduced() -> None:
@@ -179,8 +177,7 @@ def test_the_covariance_and_the_residuals_are_true(rng: np.random.Generator) -> 
         total += float(error @ np.linalg.solve(found.covariance, error))
         residual += found.chi2
     for value, freedom in ((total, 4), (residual, found.freedom)):
-        low, high = (float(chi2.ppf(level, freedom * count)) for level in (0.001, 0.999))
-        assert low < value < high
+        assert chi2.ppf(0.001, freedom * count) < value < chi2.ppf(0.999, freedom * count)
 
 
 def test_what_does_not_fix_the_station_is_refused() -> None:

@@ -48,8 +48,7 @@ def test_factor_and_slope_follow_the_definition(polynomial: OddPolynomial) -> No
 @every_polynomial
 def test_inverse_undoes_the_polynomial(polynomial: OddPolynomial) -> None:
     upper = polynomial.increasing_until()
-    x = np.linspace(0.0, min(upper, 3.0), 5001)
-    values = by_definition(polynomial, x)
+    values = by_definition(polynomial, np.linspace(0.0, min(upper, 3.0), 5001))
     found = polynomial.inverse(values, upper)
     np.testing.assert_allclose(by_definition(polynomial, found), values, rtol=1e-14, atol=1e-15)
     assert found.min() >= 0

@@ -154,6 +154,15 @@ def test_sees_up_to_the_stated_angle(kind: Any) -> None:
 @pytest.mark.parametrize(
     ("kind", "shape", "message"),
     [
+        (KannalaBrandt, {"max_angle": np.radians(130.0), "k1": -0.1}, "stops growing at 1.8257 rad"),
+        (KannalaBrandt, {"max_angle": 0.0}, r"in \(0, pi\]"),
+        (KannalaBrandt, {"max_angle": 3.2}, r"in \(0, pi\]"),
+        (KannalaBrandt, {"max_angle": math.nan}, "finite"),
+        (KannalaBrandt, {"k3": math.inf}, "finite"),
+        (KannalaBrandt, {"fx": 0.0}, "focal lengths"),
+        (KannalaBrandt, {"width": 0}, "positive width"),
+        (Pinhole, {"fy": -1.0}, "focal"),
+        (Pinhole, {"p1": math.nan}, "finite"),
         (Mei, {"xi": -0.1}, "xi must not be negative"),
         (Mei, {"xi": 1.0, "k1": math.nan}, "finite"),
         (Mei, {"xi": 1.0, "max_angle": 3.2}, r"in \(0, pi\]"),

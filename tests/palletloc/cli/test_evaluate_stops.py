@@ -10,7 +10,7 @@ from palletloc.geometry import FloatArray, LevelPose, level_pose
 from palletloc.io.measurements import write_measurements
 from palletloc.io.truth import read_truth
 from palletloc.measurement import PalletMeasurement, YawSource
-from tests.palletloc.cli.sample_runs import SAMPLE, evaluate, read_metrics, without_images, write_survey
+from tests.palletloc.cli.sample_runs import SAMPLE, evaluate, read_metrics, true_poses, without_images, write_survey
 
 STOPS = {"S1": 2.694737, "S2": 5.389474}
 REPEATS, BETWEEN = 6, 0.2
@@ -42,15 +42,14 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def estimate(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    truth, rows = read_truth(SAMPLE), []
-    for stop, stood in STOPS.items():
-        forklift_from_world = truth.forklift.pose_at(stood).transform().inv()
-        for pallet in truth.pallets:
-            true = forklift_from_world * pallet.world_from_pallet.transform()
-            for time, error in zip(times_at(stop), errors_at(stop, pallet.id), strict=True):
-                pose = level_pose(true * LevelPose(*error).transform())
-                covariance = np.diag(SCATTER**2)
-                rows.append(PalletMeasurement(time, pallet.model, pose, covariance, 0.9, YawSource.FACE, "a.jpg"))
+    models = {pallet.id: pallet.model for pallet in read_truth(SAMPLE).pallets}
+    rows = [
+        PalletMeasurement(time, models[name], pose, np.diag(SCATTER**2), 0.9, YawSource.FACE, "a.jpg")
+        for stop, stood in STOPS.items()
+        for name, true in true_poses(SAMPLE, stood).items()
+        for time, error in zip(times_at(stop), errors_at(stop, name), strict=True)
+        for pose in [level_pose(true.transform() * LevelPose(*error).transform())]
+    ]
     folder = tmp_path_factory.mktemp("run")
     write_measurements(folder / "measurements.csv", rows)
     return folder

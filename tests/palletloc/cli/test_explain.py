@@ -10,8 +10,7 @@ import pytest
 
 from palletloc.cli.app import run
 from palletloc.io.recording import read_recording
-from palletloc.io.truth import read_truth
-from tests.palletloc.cli.sample_runs import SAMPLE
+from tests.palletloc.cli.sample_runs import SAMPLE, true_poses
 
 Refused = Callable[..., str]
 SHOT = 5
@@ -23,16 +22,15 @@ def initial_file(folder: Path, rows: list[str]) -> Path:
     return path
 
 
+def explain(out: Path, initial: Path, *options: str) -> int:
+    return run(["explain", str(SAMPLE), "--shot", str(SHOT), "--out", str(out), "--initial", str(initial), *options])
+
+
 def row_beside(pallet: str, shift: float) -> str:
     """Return a start near a true pallet of the sample's last shot, moved along x."""
-    shot, truth = read_recording(SAMPLE).shots[SHOT], read_truth(SAMPLE)
-    (true,) = (standing for standing in truth.pallets if standing.id == pallet)
-    forklift = truth.forklift.pose_at(shot.time)
-    dx, dy = true.world_from_pallet.x - forklift.x, true.world_from_pallet.y - forklift.y
-    cos, sin = np.cos(forklift.yaw), np.sin(forklift.yaw)
-    x, y = cos * dx + sin * dy + shift, cos * dy - sin * dx
-    yaw = true.world_from_pallet.yaw - forklift.yaw
-    return f"{shot.time},t11-plastic,{x:.4f},{y:.4f},{true.world_from_pallet.z},{yaw:.5f}"
+    time = read_recording(SAMPLE).shots[SHOT].time
+    pose = true_poses(SAMPLE, time)[pallet]
+    return f"{time},t11-plastic,{pose.x + shift:.4f},{pose.y:.4f},{pose.z},{pose.yaw:.5f}"
 
 
 @pytest.fixture(scope="module")
@@ -42,8 +40,7 @@ def from_start(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in ("4-face-P9.png", "3-search-C9.png", "notes.txt", "4-face-P9.txt"):
         (folder / name).write_text("from before")
     initial = initial_file(folder, [row_beside("A", 0.02)])
-    arguments = ["explain", str(SAMPLE), "--shot", str(SHOT), "--out", str(folder), "--initial", str(initial)]
-    assert run([*arguments, "--method", "horizontal_plane"]) == 0
+    assert explain(folder, initial, "--method", "horizontal_plane") == 0
     return folder
 
 
@@ -107,7 +104,7 @@ def test_detections_are_explained_with_the_shelf(
 def test_the_usual_method_shows_its_hypotheses_and_edges(tmp_path: Path) -> None:
     initial = initial_file(tmp_path, [row_beside("A", 0.06)])
     out = tmp_path / "out"
-    assert run(["explain", str(SAMPLE), "--shot", str(SHOT), "--out", str(out), "--initial", str(initial)]) == 0
+    assert explain(out, initial) == 0
     made = {path.name for path in out.iterdir()}
     assert {"3-search-P1.png", "4-face-P1.png", "6-plan.png", "explain.json"} <= made
     (candidate,) = json.loads((out / "explain.json").read_text())["candidates"]

@@ -19,8 +19,7 @@ from tests.palletloc.evaluation.aisle import PALLETS, SCENE, TIMES, estimate, ev
 
 def test_groups_hold_each_error_once_and_a_bin_has_its_lower_edge_and_not_its_upper_one() -> None:
     run = match_run(TIMES, everything(0.01), SCENE)
-    pallets = by_pallet(run.errors)
-    assert {name: len(group) for name, group in pallets.items()} == {"A": 4, "B": 4}
+    assert {name: len(group) for name, group in by_pallet(run.errors).items()} == {"A": 4, "B": 4}
     bins = by_distance(run.shots, [0.0, 2.5, 3.0, np.inf])
     assert sum(len(part.errors) for part in bins) == 8
     for part in bins:
@@ -135,8 +134,7 @@ def error(time: float, name: str = "A", depth: float = 0.0, yaw: float = 0.0) ->
 
 def test_differences_are_of_absolute_errors_second_minus_first() -> None:
     first = [error(time, depth=-0.03) for time in range(4)]
-    second = [error(time, depth=0.01) for time in range(4)]
-    found = compare_runs(first, second)
+    found = compare_runs(first, [error(time, depth=0.01) for time in range(4)])
     depth = found.differences["depth"]
     assert (depth.mean, depth.low, depth.high) == pytest.approx((-0.02, -0.02, -0.02))
     assert (depth.smaller, depth.larger, found.views, found.shots) == (4, 0, 4, 4)

@@ -141,8 +141,7 @@ def test_gray_has_no_channels(tmp_path: Path, name: str, content: bytes) -> None
 
 @pytest.mark.parametrize("content", [content for _, content in CONTENTS])
 def test_every_truncation_is_seen(content: bytes) -> None:
-    whole = read_header(content)
-    assert whole == (40, 24, True)
+    assert read_header(content) == (40, 24, True)
     for length in range(len(content)):
         header = read_header(content[:length])
         assert header is None or header == (40, 24, False)

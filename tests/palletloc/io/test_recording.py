@@ -83,32 +83,30 @@ def test_an_image_of_another_size_is_an_error(folder: Path) -> None:
 
 
 LENS = "{model: kannala_brandt, width: 64, height: 32, focal_px: [20, 20], center_px: [32, 16]"
+BAD = [
+    ("recording.yaml", "shelf:", "shelv:", r"recording\.yaml: unknown key 'shelv'; did you mean 'shelf'\?"),
+    ("recording.yaml", "mine", "mime", r"recording\.yaml: pallets: unknown pallet model 'mime'; .*'mine'"),
+    ("recording.yaml", "-90.0", ".nan", r"recording\.yaml: shelf\.facing_deg: expected a finite number"),
+    (
+        "recording.yaml",
+        "{model: equirectangular, width: 64, height: 32}",
+        LENS + ", distortion: [-1, 0, 0, 0], max_angle_deg: 95}",
+        r"recording\.yaml: camera: .*max_angle",
+    ),
+    ("pallets.yaml", "width_m: 1.1", "widht_m: 1.1", r"pallets\.yaml: mine: .*'widht_m'; did you mean 'width_m'"),
+    ("shots.csv", "file\n", "name\n", r"shots\.csv, line 1: unknown column 'name'"),
+    ("shots.csv", "0.5,", "half,", r"shots\.csv, line 3: time_s: expected a finite number, got 'half'"),
+    ("shots.csv", "0.5,", "0.0,", r"shots\.csv, line 3: time_s: 0\.0 repeats 0\.0 of line 2"),
+    ("shots.csv", "0.5,", "1.5,", r"shots\.csv, line 4: time_s: 1\.0 is earlier than 1\.5 of line 3"),
+    ("shots.csv", "images/1.png", "", r"shots\.csv, line 3: file: expected a text"),
+    ("odometry.csv", "speed_mps", "speed", r"odometry\.csv, line 1: unknown column 'speed'; .*'speed_mps'"),
+    ("odometry.csv", "0.05", "NaN", r"odometry\.csv, line 3: yaw_rad: expected a finite number, got 'NaN'"),
+    ("odometry.csv", "\n1.0,", "\n0.5,", r"odometry\.csv, line 4: time_s: 0\.5 repeats 0\.5 of line 3"),
+    ("odometry.csv", "0.1,0.4,0.1\n", "0.1,0.4", r"odometry\.csv, line \d: expected 6 cells, got 5"),
+]
 
 
-@pytest.mark.parametrize(
-    ("file", "old", "new", "said"),
-    [
-        ("recording.yaml", "shelf:", "shelv:", r"recording\.yaml: unknown key 'shelv'; did you mean 'shelf'\?"),
-        ("recording.yaml", "mine", "mime", r"recording\.yaml: pallets: unknown pallet model 'mime'; .*'mine'"),
-        ("recording.yaml", "-90.0", ".nan", r"recording\.yaml: shelf\.facing_deg: expected a finite number"),
-        (
-            "recording.yaml",
-            "{model: equirectangular, width: 64, height: 32}",
-            LENS + ", distortion: [-1, 0, 0, 0], max_angle_deg: 95}",
-            r"recording\.yaml: camera: .*max_angle",
-        ),
-        ("pallets.yaml", "width_m: 1.1", "widht_m: 1.1", r"pallets\.yaml: mine: .*'widht_m'; did you mean 'width_m'"),
-        ("shots.csv", "file\n", "name\n", r"shots\.csv, line 1: unknown column 'name'"),
-        ("shots.csv", "0.5,", "half,", r"shots\.csv, line 3: time_s: expected a finite number, got 'half'"),
-        ("shots.csv", "0.5,", "0.0,", r"shots\.csv, line 3: time_s: 0\.0 repeats 0\.0 of line 2"),
-        ("shots.csv", "0.5,", "1.5,", r"shots\.csv, line 4: time_s: 1\.0 is earlier than 1\.5 of line 3"),
-        ("shots.csv", "images/1.png", "", r"shots\.csv, line 3: file: expected a text"),
-        ("odometry.csv", "speed_mps", "speed", r"odometry\.csv, line 1: unknown column 'speed'; .*'speed_mps'"),
-        ("odometry.csv", "0.05", "NaN", r"odometry\.csv, line 3: yaw_rad: expected a finite number, got 'NaN'"),
-        ("odometry.csv", "\n1.0,", "\n0.5,", r"odometry\.csv, line 4: time_s: 0\.5 repeats 0\.5 of line 3"),
-        ("odometry.csv", "0.1,0.4,0.1\n", "0.1,0.4", r"odometry\.csv, line \d: expected 6 cells, got 5"),
-    ],
-)
+@pytest.mark.parametrize(("file", "old", "new", "said"), BAD)
 def test_bad_input_is_an_error_with_file_and_place(folder: Path, file: str, old: str, new: str, said: str) -> None:
     change(folder, file, old, new)
     with pytest.raises(PalletLocError, match=said) as caught:

@@ -118,19 +118,15 @@ def test_whatever_is_done_to_a_file_each_line_is_read_or_listed(place: int, cut:
         assert parse_line(format_block(block), block.line) == block
 
 
-@pytest.mark.parametrize(
-    ("content", "said"),
-    [
+def test_a_file_of_another_kind_is_an_error(tmp_path: Path) -> None:
+    for content, said in (
         (b"", r"a\.gsi: is empty; expected lines in GSI form"),
         (b"name,x_m,y_m,z_m\nA,1,2,3\n", r"a\.gsi, line 1: column 1: expected a word"),
         (b"11\0", "zero bytes"),
-    ],
-)
-def test_a_file_of_another_kind_is_an_error(tmp_path: Path, content: bytes, said: str) -> None:
-    path = tmp_path / "a.gsi"
-    path.write_bytes(content)
-    with pytest.raises(InputError, match=said):
-        read_gsi(path)
+    ):
+        (tmp_path / "a.gsi").write_bytes(content)
+        with pytest.raises(InputError, match=said):
+            read_gsi(tmp_path / "a.gsi")
     assert issubclass(SurveyError, InputError)
 
 
@@ -192,17 +188,14 @@ def test_a_word_without_a_value_says_why(text: str, said: str) -> None:
     assert said in (word(text).fault() or "")
 
 
-@pytest.mark.parametrize(
-    ("text", "constants"),
-    [
+def test_word_51_is_split_at_its_second_sign() -> None:
+    for text, constants in (
         ("51..1.+0000+000", (0, 0)),
         ("51....+0014-034", (14, -34)),
         ("51....-000000000017+034", (-17, 34)),
         ("51..1.+00000008+0000000", (8, 0)),
-    ],
-)
-def test_word_51_is_split_at_its_second_sign(text: str, constants: tuple[int, int]) -> None:
-    assert word(text).constants() == constants
+    ):
+        assert word(text).constants() == constants, text
 
 
 def test_texts_and_unknown_words_have_no_measure_and_no_fault() -> None:

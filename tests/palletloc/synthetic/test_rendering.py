@@ -60,16 +60,14 @@ def edges_of(model: PalletModel) -> dict[str, tuple[tuple[float, float], tuple[f
 
 # from where nothing but the front face meets at the edge: not the top, not the inside of the opening
 VIEWS = {
-    "top": (0.9, 0.1, 0.67, 4.0),
-    "bottom": (0.9, 0.1, 0.67, 4.0),
-    "left": (0.9, 0.1, 0.67, 4.0),
+    **dict.fromkeys(("top", "bottom", "left"), (0.9, 0.1, 0.67, 4.0)),
     "opening_top": (0.9, 0.1, 0.74, 4.0),
     "opening_left": (0.9, 0.9, 0.67, -20.0),
 }
 
 
 @pytest.mark.parametrize("camera", [EQUIRECTANGULAR, PINHOLE], ids=["equirectangular", "pinhole"])
-@pytest.mark.parametrize("edge", ["top", "bottom", "left", "opening_top", "opening_left"])
+@pytest.mark.parametrize("edge", VIEWS)
 def test_solids_change_between_the_pixels_around_a_projected_edge(
     camera: CameraModel, edge: str, closed_below: PalletModel, hall: Scenes, mounted: Poses
 ) -> None:
@@ -173,9 +171,8 @@ def test_the_floor_is_seen_in_openings_that_reach_it(
 
 def test_floor_walls_and_ceiling_are_told_apart(hall: Scenes, mounted: Poses) -> None:
     solids = render(lit(hall([])), camera_rays(Equirectangular(64, 32)), mounted(0.0, 0.0, 1.5)).solids
-    assert (solids[0] == CEILING).all()
-    assert (solids[16] == WALLS).all()
-    assert (solids[-1] == FLOOR).all()
+    for row, surface in ((0, CEILING), (16, WALLS), (-1, FLOOR)):
+        assert (solids[row] == surface).all()
 
 
 @pytest.mark.parametrize("kind", [CameraKind.DUAL_FISHEYE, CameraKind.KANNALA_BRANDT, CameraKind.PINHOLE])
@@ -224,7 +221,8 @@ def test_a_camera_that_sees_nothing_is_refused() -> None:
         width, height, period_px = 4, 4, None
 
         def unproject(self, pixels: FloatArray) -> Any:
-            return (np.full((*pixels.shape[:-1], 3), np.nan), np.zeros((*pixels.shape[:-1], 3)), pixels[..., 0] > 9)
+            shape = (*pixels.shape[:-1], 3)
+            return np.full(shape, np.nan), np.zeros(shape), pixels[..., 0] > 9
 
     with pytest.raises(ValueError, match="sees nothing"):
         camera_rays(Blind())  # type: ignore[arg-type]

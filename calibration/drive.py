@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 from palletloc.trajectory import Trajectory
@@ -100,6 +101,24 @@ def read_drive(odometry: Trajectory, times: Sequence[float], noise: DriveNoise |
     poses = np.array([(p.x, p.y, p.yaw) for p in (start, *(odometry.pose_at(time) for time in times))])
     durations = np.abs(np.diff(np.array([first, *times])))
     return Drive(start, relative(poses[:-1], poses[1:]), durations, noise or DriveNoise())
+
+
+def evenly_spread(count: int, most: int) -> NDArray[np.intp]:
+    """Return which of a number of things to take, evenly spread from the first to the last.
+
+    Parameters
+    ----------
+    count : int
+        How many there are.
+    most : int
+        How many are taken at most.
+
+    Examples
+    --------
+    >>> evenly_spread(9, 3).tolist()
+    [0, 4, 8]
+    """
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.intp))
 
 
 def compose(pose: FloatArray, step: FloatArray) -> FloatArray:

@@ -4,8 +4,6 @@ A test that draws takes its count of examples as a share of ``settings.default.m
 scales it. What a search finds becomes an example of its own in the file of the law.
 """
 
-from __future__ import annotations
-
 from hypothesis import settings
 
 settings.register_profile("fixed", max_examples=100, deadline=None, derandomize=True, database=None)

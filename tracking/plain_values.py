@@ -30,14 +30,25 @@ class SnapshotError(PalletLocError):
 
 
 def plain_values(value: Any) -> Any:
-    """Return a value as JSON knows it; one of several classes that may stand in a place names its own."""
+    """Return a value as JSON knows it.
+
+    Parameters
+    ----------
+    value : object
+        A frozen dataclass, a named tuple, an array, a list or tuple of such, or a plain value.
+
+    Returns
+    -------
+    dict, list, str, int, float, bool or None
+        A mapping of its fields; with ``kind`` where one of several classes may stand in a place.
+    """
     if isinstance(value, Enum):
         return value.value
     if value is None or isinstance(value, bool | int | str):
         return value
     if isinstance(value, float):
         return float(value)
-    if isinstance(value, np.ndarray):
+    if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     if is_dataclass(value):
         kind = {"kind": type(value).__name__} if type(value) in KINDS else {}
@@ -48,7 +59,22 @@ def plain_values(value: Any) -> Any:
 
 
 def value_of(annotation: Any, plain: Any, place: str) -> Any:
-    """Return the value of an annotated type that plain values stand for; raise where they stand for none."""
+    """Return the value that plain values stand for.
+
+    Parameters
+    ----------
+    annotation : type
+        Its type, as a field states it.
+    plain : object
+        As `plain_values` gave it, maybe by way of JSON.
+    place : str
+        Where it stands, for messages.
+
+    Raises
+    ------
+    SnapshotError
+        If a key is missing or unknown, or a value of another kind than expected; numbers must be finite.
+    """
     origin, parts = get_origin(annotation), get_args(annotation)
     if origin in (Union, UnionType):
         return _one_of(parts, plain, place)

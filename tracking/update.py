@@ -21,7 +21,7 @@ from tracking.gating import Association, chi_square_limit
 from tracking.motion import Motion
 from tracking.observation import ALL, Observation
 from tracking.state import POSE, Gaussian, Key, TrackGroup, regrouped
-from tracking.track import Contradiction, Track, floor_sigma
+from tracking.track import RejectedSeries, Track, floor_sigma
 
 _KEY = attrgetter("key")
 """By which tracks are put in order."""
@@ -159,15 +159,12 @@ def advance(prediction: Prediction, observations: Sequence[Observation], model: 
     """
     pairs = assign(prediction.comparison, observations)
     groups, tracks = prediction.updated(dict(pairs.values()))
-    dispositions = {
+    accepted = {
         i: Disposition(EventKind.ACCEPTED, tracks[track].key, pair.distance, pair.limit)
         for i, (track, pair) in pairs.items()
     }
     known = len(tracks)
-    renewed: list[Key] = []
-    for i, observation in enumerate(observations):
-        if i not in dispositions:
-            dispositions[i] = _left_over(prediction, observation, tracks, renewed, model)
+    tracks, renewed, dispositions = _with_others(prediction, observations, tracks, accepted, model)
     vague = {track.key: why for track in tracks if track.misses and (why := track.vague(model.config.life))}
     kept = [track for track in tracks if track.key not in vague]
     merged: list[tuple[Key, str]] = []
@@ -178,9 +175,8 @@ def advance(prediction: Prediction, observations: Sequence[Observation], model: 
         fresh = {track.key for track in tracks[known:]}.union(renewed)
         began = [(track.key, track.state) for track in kept if track.key in fresh]
         groups = regrouped(groups, began, {track.key for track in kept}, model.config.tracks_together)
-    order = tuple(dispositions[i] for i in range(len(observations)))
     ended = (*prediction.ended, *vague.items(), *merged)
-    return Belief(prediction.time, tuple(kept), tuple(groups), order, ended, tuple(renewed))
+    return Belief(prediction.time, tuple(kept), tuple(groups), dispositions, ended, tuple(renewed))
 
 
 def _predicted(before: Belief, motion: Motion, model: UpdateModel) -> tuple[list[Track], list[TrackGroup]]:
@@ -188,10 +184,10 @@ def _predicted(before: Belief, motion: Motion, model: UpdateModel) -> tuple[list
     groups = model.filter.predict_groups(before.groups, motion)
     states = {key: state for group in groups for key, state in group.members.items()}
     tracks = [track.moved(states[track.key]) for track in before.tracks]
-    contradictions = {i: track.contradiction for i, track in enumerate(tracks) if track.contradiction is not None}
-    after = model.filter.predict([contradiction.state for contradiction in contradictions.values()], motion)
-    for (i, contradiction), state in zip(contradictions.items(), after, strict=True):
-        tracks[i] = replace(tracks[i], contradiction=replace(contradiction, state=state))
+    series = {i: track.rejected for i, track in enumerate(tracks) if track.rejected is not None}
+    after = model.filter.predict([rejected.state for rejected in series.values()], motion)
+    for (i, rejected), state in zip(series.items(), after, strict=True):
+        tracks[i] = replace(tracks[i], rejected=replace(rejected, state=state))
     return tracks, groups
 
 
@@ -206,30 +202,55 @@ def _measured(track: Track, hit: Association, state: Gaussian, time: float, conf
     return Track(track.key, track.model, state, time, hits, confirmed=confirmed, nis=hit.distance, ratios=ratios)
 
 
-def _left_over(
-    prediction: Prediction, observation: Observation, tracks: list[Track], renewed: list[Key], model: UpdateModel
-) -> Disposition:
-    """Return what becomes of an observation that was assigned to no track; may change the tracks or add one."""
-    comparison = prediction.comparison
-    inside = _track_in_place(comparison, observation, tracks, model)
+def _with_others(
+    prediction: Prediction,
+    observations: Sequence[Observation],
+    tracks: Sequence[Track],
+    accepted: Mapping[int, Disposition],
+    model: UpdateModel,
+) -> tuple[list[Track], list[Key], tuple[Disposition, ...]]:
+    """Return the tracks after the observations that belong to none of them, too.
+
+    With those that began anew, and what became of all observations. New tracks stand behind the others.
+    """
+    after, renewed, dispositions = list(tracks), list[Key](), list[Disposition]()
+    for i, observation in enumerate(observations):
+        inside = None if i in accepted else _track_in_place(prediction.comparison, observation, after, model)
+        if i in accepted:
+            dispositions.append(accepted[i])
+        elif inside is None:
+            alone = _alone(observation, prediction.time, model)
+            dispositions.append(alone)
+            if alone.key is not None:
+                begun = model.filter.begin(observation)
+                after.append(Track(alone.key, observation.model, begun, prediction.time))
+        else:
+            after[inside], began_anew = _contradicted(after[inside], observation, prediction.time, model)
+            renewed += [after[inside].key] if began_anew else []
+            dispositions.append(_rejected(prediction.comparison, observation, inside, after[inside].key, model))
+    return after, renewed, tuple(dispositions)
+
+
+def _alone(observation: Observation, time: float, model: UpdateModel) -> Disposition:
+    """Return what becomes of an observation in the place of no track: a new one, where it may begin one."""
     limit = chi_square_limit(model.config.gate.probability, len(observation.components))
-    if inside is not None:
-        tracks[inside], began_anew = _contradicted(tracks[inside], observation, prediction.time, model)
-        key = tracks[inside].key
-        renewed += [key] if began_anew else []
-        known = inside < len(comparison.tracks)
-        pair = comparison.association(observation, inside) if known else None
-        if pair is None:
-            return Disposition(EventKind.GATED, key, None, limit, "another model, or measured twice in this shot")
-        reason = "another measurement of this shot fits better" if pair.passes else ""
-        return Disposition(EventKind.GATED, key, pair.distance, limit, reason)
     if not observation.is_whole:
         return Disposition(EventKind.GATED, limit=limit, reason="no track where this part of a pose belongs")
     if floor_sigma(observation.covariance) > model.config.life.max_sigma_m:
         return Disposition(EventKind.GATED, limit=limit, reason="no track there, and too uncertain to begin one")
-    key = Key(prediction.time, observation.order)
-    tracks.append(Track(key, observation.model, model.filter.begin(observation), prediction.time))
-    return Disposition(EventKind.ACCEPTED, key)
+    return Disposition(EventKind.ACCEPTED, Key(time, observation.order))
+
+
+def _rejected(
+    comparison: Comparison, observation: Observation, track: int, key: Key, model: UpdateModel
+) -> Disposition:
+    """Return what becomes of an observation in the place of a track that it does not belong to."""
+    limit = chi_square_limit(model.config.gate.probability, len(observation.components))
+    pair = comparison.association(observation, track) if track < len(comparison.tracks) else None
+    if pair is None:
+        return Disposition(EventKind.GATED, key, None, limit, "another model, or measured twice in this shot")
+    reason = "another measurement of this shot fits better" if pair.passes else ""
+    return Disposition(EventKind.GATED, key, pair.distance, limit, reason)
 
 
 def _track_in_place(
@@ -258,25 +279,23 @@ def _contradicted(track: Track, observation: Observation, time: float, model: Up
     """
     if not observation.is_whole or track.seen == time:
         return track, False
-    contradiction, life = _contradiction(track.contradiction, observation, model), model.config.life
-    state, hits = contradiction.state, contradiction.hits
+    rejected, life = _extended(track.rejected, observation, model), model.config.life
+    state, hits = rejected.state, rejected.hits
     if hits < life.recovery_hits:
-        return replace(track, contradiction=contradiction), False
+        return replace(track, rejected=rejected), False
     confirmed = track.confirmed or hits >= life.confirm_hits
-    return Track(track.key, contradiction.model, state, time, hits, confirmed=confirmed), True
+    return Track(track.key, rejected.model, state, time, hits, confirmed=confirmed), True
 
 
-def _contradiction(
-    contradiction: Contradiction | None, observation: Observation, model: UpdateModel
-) -> Contradiction:
-    """Return a contradiction after one more rejected measurement, or a new one where that does not agree with it."""
+def _extended(rejected: RejectedSeries | None, observation: Observation, model: UpdateModel) -> RejectedSeries:
+    """Return a series after one more rejected measurement, or a new one where that does not agree with it."""
     group_filter = model.filter
-    if contradiction is not None and contradiction.model == observation.model:
+    if rejected is not None and rejected.model == observation.model:
         limit = chi_square_limit(model.config.gate.probability, len(ALL))
-        if group_filter.innovation(contradiction.state, observation).distance <= limit:
-            state = group_filter.update(contradiction.state, [(0, Association(observation))])
-            return Contradiction(state, contradiction.model, contradiction.hits + 1)
-    return Contradiction(group_filter.begin(observation), observation.model, 1)
+        if group_filter.innovation(rejected.state, observation).distance <= limit:
+            state = group_filter.update(rejected.state, [(0, Association(observation))])
+            return RejectedSeries(state, rejected.model, rejected.hits + 1)
+    return RejectedSeries(group_filter.begin(observation), observation.model, 1)
 
 
 def _exclusive(tracks: Sequence[Track], model: UpdateModel) -> tuple[list[Track], list[tuple[Key, str]]]:

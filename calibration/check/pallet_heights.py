@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.check.tilt_sources import fit_with_prior
-from calibration.drive import relative
+from calibration.drive import evenly_spread, relative
 from calibration.shelf.gravity_lines import Tilt
 from calibration.shelf.survey import ShelfSurvey
 from palletloc.config import LocalizerConfig
@@ -108,7 +108,7 @@ def measure_elevations(survey: ShelfSurvey) -> PalletElevations | None:
     localizer = Localizer(recording.models, config=config)
     shots = np.unique([sight.shot for sight in survey.observed.pallets])
     rows: list[tuple[float, ...]] = []
-    for number in shots[np.unique(np.linspace(0, len(shots) - 1, _MOST_SHOTS).round().astype(int))]:
+    for number in shots[evenly_spread(len(shots), _MOST_SHOTS)]:
         mine = [i for sight, i in zip(survey.observed.pallets, owner, strict=True) if sight.shot == number]
         mine = list(dict.fromkeys(int(i) for i in mine))
         there = relative(solution.poses[number], solution.pallets[mine])

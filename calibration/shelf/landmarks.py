@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.drive import Drive, compose, read_drive
+from calibration.drive import Drive, compose, evenly_spread, read_drive
 from calibration.shelf.front_line import UPRIGHTS, FrontLine, pallet_line, upright_line
 from calibration.shelf.level_view import LevelView, level_view
 from calibration.shelf.pallets import PalletObservation, find_pallets, find_pallets_again
@@ -57,8 +57,8 @@ def usable_shots(recording: Recording) -> list[int]:
         except TrajectoryError:
             continue
         reached.append(i)
-    spread = np.linspace(0, len(reached) - 1, min(len(reached), _MOST_SHOTS)).round().astype(int)
-    return [reached[i] for i in np.unique(spread) if _readable(recording, reached[i])]
+    spread = evenly_spread(len(reached), _MOST_SHOTS)
+    return [reached[i] for i in spread if _readable(recording, reached[i])]
 
 
 def _readable(recording: Recording, index: int) -> bool:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.drive import compose
+from calibration.drive import compose, evenly_spread
 from palletloc.config import LocalizerConfig
 from palletloc.errors import PalletLocError
 from palletloc.geometry import FloatArray, LevelPose, wrap_angle
@@ -87,7 +87,7 @@ def find_pallets(
     plane : ShelfPlane
         What the second look was given: the prior itself where the first finds no pallet.
     """
-    spread = np.unique(np.linspace(0, len(shots) - 1, min(len(shots), _FIRST_SHOTS)).round().astype(int))
+    spread = evenly_spread(len(shots), _FIRST_SHOTS)
     on_progress("looking for pallets widely")
     few = [(int(i), shots[i]) for i in spread]
     tried = (_moved(recording, prior, depth, yaw) for depth, yaw in _TRIED)

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.drive import compose, relative
+from calibration.drive import compose, evenly_spread, relative
 from calibration.shelf.plane import Foot, PlaneEstimate
 from palletloc.geometry import FloatArray, Image, LevelPose
 from palletloc.io.recording import Recording
@@ -230,8 +230,7 @@ def _groups(
         if len(group) > 1:
             groups.append(tuple(group))
     whole = [group for group in groups if len(group) == 3] or groups
-    spread = np.linspace(0, len(whole) - 1, min(len(whole), _MOST_GROUPS)).round().astype(int)
-    return [whole[i] for i in np.unique(spread)]
+    return [whole[i] for i in evenly_spread(len(whole), _MOST_GROUPS)]
 
 
 def _views(

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from calibration.drive import evenly_spread
 from calibration.shelf.beam_line import BEAMS, BeamSearch, beam_lines
 from calibration.shelf.front_line import PALLETS, UPRIGHTS
 from calibration.shelf.gravity_lines import level_direction, level_heading
@@ -231,7 +232,7 @@ def _lines(landmarks: Landmarks, turn: float) -> PlaneEstimate | None:
     """Return the heading of the level edges along the shelf."""
     recording, shots, poses, foot = landmarks.recording, landmarks.shots, landmarks.solution.poses, landmarks.foot
     found = []
-    for i in np.unique(np.linspace(0, len(shots) - 1, min(len(shots), _LINE_SHOTS)).round().astype(int)):
+    for i in evenly_spread(len(shots), _LINE_SHOTS):
         image = recording.image(recording.shots[shots[i]], gray=True)
         into = foot.yaw + turn - poses[i, 2]
         ahead = [np.array([np.cos(into + a), np.sin(into + a), -0.1]) for a in _ASIDE]

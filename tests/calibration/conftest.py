@@ -1,7 +1,5 @@
 """Yards of targets, and shots that are drawn by casting rays."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import cv2

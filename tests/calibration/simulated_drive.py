@@ -1,7 +1,5 @@
 """Drives past targets with their truth, as bearings without images."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Yards of targets with their truth, as bearings without an image: what a layout gives, before anyone prints."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """What all adjustments share: descents that find the least squares, and what residuals tell of their errors."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -27,7 +25,7 @@ TRUTH = np.array([2.0, -1.0, 0.5])
 class Values:
     x: FloatArray
 
-    def moved(self, step: FloatArray) -> Values:
+    def moved(self, step: FloatArray) -> "Values":
         return Values(self.x + step)
 
 

@@ -1,7 +1,5 @@
 """Folders with a rendered shot of four boards, and input that is changed at a key."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any

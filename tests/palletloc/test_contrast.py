@@ -35,12 +35,10 @@ def noisy(view: PlaneView, sigma: float = 4.0) -> PlaneView:
     return replace(view, image=np.clip(view.image + noise, 0, 255).astype(np.uint8))
 
 
-@pytest.mark.parametrize("name", ["epal", "t11", "open_below"])
 @pytest.mark.parametrize("levels", [(90.0, 180.0, 30.0), (90.0, 60.0, 200.0)], ids=["dark", "bright"])
 def test_openings_that_are_not_like_the_blocks_stand_out(
-    name: str, levels: tuple[float, ...], draw_face: Draw, request: pytest.FixtureRequest
+    model: PalletModel, levels: tuple[float, ...], draw_face: Draw
 ) -> None:
-    model: PalletModel = request.getfixturevalue(name)
     assert face_contrast(noisy(draw_face(model, GRID, STRAIGHT, levels=levels)), model) > 5.0
 
 

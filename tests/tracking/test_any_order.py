@@ -72,7 +72,7 @@ def test_the_inputs_of_a_stream_without_shots_for_seconds_may_come_in_any_order(
     site = make_site(seed)
     odometry = [site.odometry(k / 20) for k in range(200)]
     shots = [site.measured(number, time) for time in (0.3, 0.5, 0.7, 0.91, 9.0) for number in range(3)]
-    inputs = sorted([*odometry, *shots], key=lambda one: one.time)
+    inputs = sorted([*odometry, *shots], key=lambda given: given.time)
     one, other = pushed(inputs), pushed(site.late(inputs))
     same_states(one, other, [9.0, 9.95, 10.2])
     assert len(one.tracks()) == 3
@@ -102,10 +102,10 @@ def test_a_number_stays_when_a_late_measurement_turns_out_to_be_the_first(make_s
     tracker = PalletTracker()
     tracker.push([site.odometry(k / 20) for k in range(20)])
     tracker.push([site.measured(0, 0.5), site.measured(1, 0.5)])
-    before = {one.track: one.pose for one in tracker.tracks()}
+    before = {state.track: state.pose for state in tracker.tracks()}
     tracker.push(site.measured(1, 0.2))
     tracker.push(site.measured(0, 0.1))
-    after = {one.track: one.pose for one in tracker.tracks()}
+    after = {state.track: state.pose for state in tracker.tracks()}
     assert before.keys() == after.keys() == {1, 2}
     for number, pose in before.items():
         assert np.linalg.norm(pose.as_array() - after[number].as_array()) < 0.1

@@ -35,8 +35,8 @@ def go_on(tracker: PalletTracker, site: Any, start: float, until: float, shift: 
         inputs: list[Input] = [replace(site.odometry(k / 20), time=k / 20 + shift)]
         if k % 4 == 0:
             inputs += [replace(site.measured(n, k / 20), time=k / 20 + shift) for n in range(2)]
-        for one in inputs:
-            events += tracker.push(one)
+        for given in inputs:
+            events += tracker.push(given)
     return events
 
 
@@ -143,9 +143,9 @@ def test_of_two_samples_of_the_same_time_the_same_one_is_kept_in_any_order() -> 
     for order in (samples, samples[::-1]):
         tracker = PalletTracker()
         tracker.push(Odometry(0.0, LevelPose(0.0, 0.0, 0.0, 0.0)))
-        events = [event for one in order for event in tracker.push(one)]
+        events = [event for given in order for event in tracker.push(given)]
         assert set(kinds(events)) <= {"accepted", "duplicate"}
-        kept.append(next(one.pose for one in tracker._window.path if one.time == 0.1))
+        kept.append(next(each.pose for each in tracker._window.path if each.time == 0.1))
     assert kept[0] == kept[1]
 
 
@@ -181,7 +181,7 @@ def test_when_time_itself_has_jumped_it_starts_anew(make_site: SiteMaker, shift:
     events = go_on(tracker, site, 2.0, 7.0, shift)
     assert kinds(events).count("reset") == 1
     assert {event.track for event in events if event.kind is EventKind.LOST} == {1, 2}
-    assert [one.track for one in tracker.tracks()] == [3, 4]
+    assert [state.track for state in tracker.tracks()] == [3, 4]
     assert tracker.newest == pytest.approx(6.95 + shift)
 
 
@@ -192,7 +192,7 @@ def test_a_pause_is_no_jump(make_site: SiteMaker) -> None:
     events = go_on(tracker, site, 2.0, 4.0, 20.0)
     assert kinds(events)[0] == "time_jump"
     assert not {"reset", "lost", "born"} & set(kinds(events))
-    assert [one.track for one in tracker.tracks()] == [1, 2]
+    assert [state.track for state in tracker.tracks()] == [1, 2]
     held = [event for event in events if event.time == 22.0 and event.kind is EventKind.ACCEPTED]
     assert held, "the input that was held is used in the end"
 
@@ -209,7 +209,7 @@ def test_a_jump_of_the_odometry_is_told_and_loses_no_track(make_site: SiteMaker)
             events += tracker.push([site.measured(n, k / 20) for n in range(2)])
     assert "reset" in kinds(events)
     assert not {"lost", "born"} & set(kinds(events))
-    for n, state in enumerate(sorted(tracker.tracks(), key=lambda one: one.pose.x)):
+    for n, state in enumerate(sorted(tracker.tracks(), key=lambda state: state.pose.x)):
         assert np.linalg.norm((state.pose.as_array() - site.truth(n, state.time).as_array())[:3]) < 0.05
 
 

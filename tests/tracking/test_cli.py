@@ -77,7 +77,7 @@ def track(*options: str, out: str = "out") -> int:
 
 def contents(folder: str = "out") -> dict[str, bytes]:
     top = Path(folder)
-    return {str(one.relative_to(top)): one.read_bytes() for one in sorted(top.rglob("*")) if one.is_file()}
+    return {str(each.relative_to(top)): each.read_bytes() for each in sorted(top.rglob("*")) if each.is_file()}
 
 
 @pytest.fixture

@@ -132,6 +132,6 @@ def test_every_range_belongs_to_a_parameter_and_holds_its_default() -> None:
     unused = {pattern for pattern, *_ in RANGES if not any(fnmatchcase(name, pattern) for name in names)}
     assert unused == set()
     for name, value in names.items():
-        _, low, high = next(one for one in RANGES if fnmatchcase(name, one[0]))
+        _, low, high = next(limits for limits in RANGES if fnmatchcase(name, limits[0]))
         assert low <= value <= high
         assert math.isfinite(high)

@@ -58,12 +58,14 @@ def tracked(approach: Approach, config: TrackerConfig, factor: float) -> Run:
     All inputs come in one window: any order of arrival leads to the same states, and this one takes the least time.
     """
     tracker, run = PalletTracker(replace(config, window=WindowConfig(window_s=600.0)), keep_history=True), Run([], [])
-    stated = [replace(one, covariance=factor * one.covariance) for one in approach.measurements]
+    stated = [
+        replace(measurement, covariance=factor * measurement.covariance) for measurement in approach.measurements
+    ]
     tracker.push([*approach.odometry, *stated])
     moments = {moment.time: moment for moment in tracker.history()}
     for measurement, truth in zip(approach.measurements, approach.truth, strict=True):
         tracks = moments[measurement.time].tracks.values()
-        track = min(tracks, key=lambda one: abs(one.pose.x - truth[0]), default=None)
+        track = min(tracks, key=lambda each: abs(each.pose.x - truth[0]), default=None)
         if track is None:  # between a track that was lost and the next one
             run.nees.append(np.nan)
             run.nis.append(np.nan)
@@ -83,7 +85,7 @@ def judged(runs: list[Run]) -> Verdict:
         return np.asarray(np.nanmean(np.array(values)[:, FIRST:], axis=0))
 
     nees, nis = means([run.nees for run in runs]), means([run.nis for run in runs])
-    inside = [float(np.mean((low <= one) & (one <= high))) for one in (nees, nis)]
+    inside = [float(np.mean((low <= each) & (each <= high))) for each in (nees, nis)]
     return Verdict(inside[0], inside[1], float(nees.mean()), float(nis.mean()))
 
 
@@ -125,7 +127,7 @@ def test_without_the_shared_part_in_the_model_errors_are_larger_than_they_are_sa
     true = TrackerConfig(errors=MeasurementErrors(wander_m=0.0, wander_yaw_deg=0.0))
     naive = replace(true, errors=replace(true.errors, common_position_m=0.0, common_yaw_deg=0.0))
     approaches = [simulate(rng, true, drive) for _ in range(runs)]
-    honest, wrong = (judged([tracked(one, config, 1.0) for one in approaches]) for config in (true, naive))
+    honest, wrong = (judged([tracked(approach, config, 1.0) for approach in approaches]) for config in (true, naive))
     assert honest.nees < 4.4
     assert wrong.nees > 1.2 * honest.nees
 

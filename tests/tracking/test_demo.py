@@ -82,7 +82,7 @@ def test_the_steps_belong_together(folder: Path, tmp_path: Path) -> None:
     for name in ("tracks.csv", "tracks_smoothed.csv", "events.csv"):
         assert (folder / name).read_text() == (again / name).read_text()
     assert run(["evaluate", str(SAMPLE), "--no-pictures", "--estimate", str(folder), "--out", str(again)]) == 0
-    ours, theirs = (json.loads((one / "metrics.json").read_text())["runs"][0] for one in (folder, again))
+    ours, theirs = (json.loads((each / "metrics.json").read_text())["runs"][0] for each in (folder, again))
     assert ours["sources"] == theirs["sources"]
 
 
@@ -110,7 +110,7 @@ def test_the_poses_are_right_to_what_is_promised(folder: Path) -> None:
 
 def test_every_near_pallet_is_found_and_nothing_else(folder: Path, page: str) -> None:
     measured = read_measurements(folder / "measurements.csv")
-    assert not any(isinstance(one, NoPose) for one in measured)
+    assert not any(isinstance(measurement, NoPose) for measurement in measured)
     assert len(measured) == len(errors_of(folder))
     assert re.search(r"\b1[01] of 11\b", page)  # one is 4.3 m away, hardly below the camera
 
@@ -127,9 +127,9 @@ def test_errors_are_those_of_the_measurements_against_the_truth(folder: Path) ->
         into = np.array([np.cos(true.yaw), np.sin(true.yaw)])
         expected = np.array([true.x, true.y]) + offset[0] * into + offset[1] * np.array([into[1], -into[0]])
         places = [
-            world.apply(one.forklift_from_pallet.as_array()[:3])
-            for one in measured
-            if not isinstance(one, NoPose) and one.time == float(row["time_s"])
+            world.apply(measurement.forklift_from_pallet.as_array()[:3])
+            for measurement in measured
+            if not isinstance(measurement, NoPose) and measurement.time == float(row["time_s"])
         ]
         assert min(np.hypot(*(place[:2] - expected)) for place in places) < 2e-5
 

@@ -36,7 +36,7 @@ def test_motion_between_samples_is_that_of_the_poses() -> None:
     assert motion is not None
     np.testing.assert_allclose(motion.increment, Twist(0.8, 0.0, 0.4).after(1.7), atol=1e-9)
     parts = [driven(*SAMPLES).motion(a.time, b.time) for a, b in pairwise(SAMPLES[3:21])]
-    whole = chain([one for one in parts if one is not None])
+    whole = chain([part for part in parts if part is not None])
     np.testing.assert_allclose(motion.covariance, whole.covariance, atol=1e-15)
 
 
@@ -84,7 +84,7 @@ def test_beyond_the_samples_a_motion_is_less_sure_and_ends_at_the_limit() -> Non
     path = driven(*SAMPLES)
     last = SAMPLES[-1].time
     ahead = [path.motion(last, last + step) for step in (0.0, 0.2, 0.4)]
-    spread = [one.covariance[0, 0] for one in ahead if one is not None]
+    spread = [each.covariance[0, 0] for each in ahead if each is not None]
     assert spread == sorted(spread)
     assert spread[0] < spread[-1]
     assert path.motion(last, last + 0.6) is None
@@ -145,7 +145,7 @@ def test_rates_that_no_forklift_has_are_not_believed() -> None:
 @pytest.mark.parametrize("time", [0.0, 0.05, 0.1, 0.234, 0.9, -0.04, 0.94])
 def test_the_pose_at_a_time_is_the_trajectorys(time: float) -> None:
     straight = [Odometry(0.1 * k, LevelPose(0.1 * k, 0.05 * k, 0.0, 0.7)) for k in range(10)]
-    columns = np.array([[one.time, *one.pose.as_array()[[0, 1, 3]]] for one in straight if one.pose]).T
+    columns = np.array([[each.time, *each.pose.as_array()[[0, 1, 3]]] for each in straight if each.pose]).T
     expected, found = Trajectory(*columns).pose_at(time), driven(*straight).pose_at(time)
     assert found is not None
     np.testing.assert_allclose(found.as_array(), expected.as_array(), atol=1e-9)

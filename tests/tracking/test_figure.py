@@ -79,7 +79,7 @@ def measured(number: int, time: float, off: float) -> PalletMeasurement:
 
 def run_of(rows: list[TrackRow], found: list[PalletMeasurement]) -> TrackedRecording:
     shots = tuple(
-        ShotTracks(shot, tuple(one for one in rows if one.time == shot.time), ODOMETRY.pose_at(shot.time))
+        ShotTracks(shot, tuple(row for row in rows if row.time == shot.time), ODOMETRY.pose_at(shot.time))
         for shot in SHOTS
     )
     return TrackedRecording(RECORDING, tuple(found), shots, ())
@@ -91,7 +91,7 @@ FOUND = [measured(number, time, 0.03 * number) for time in TIMES[:2] for number 
 
 def test_tracks_and_shots_are_held_against_their_own_pallets() -> None:
     first, second = track_deviations(run_of(ROWS, FOUND), TRUTH)
-    assert [(one.track, one.model, one.against) for one in (first, second)] == [(1, "t11", "A"), (2, "t11", "B")]
+    assert [(each.track, each.model, each.against) for each in (first, second)] == [(1, "t11", "A"), (2, "t11", "B")]
     for number, one in ((1, first), (2, second)):
         off = 0.01 * number + 0.001 * np.array(TIMES)
         assert one.filtered.times.tolist() == list(TIMES)
@@ -113,8 +113,8 @@ def test_without_truth_a_track_is_held_against_its_end() -> None:
 
 
 def test_a_track_where_no_pallet_stands_is_held_against_its_end_and_a_tentative_one_is_left_out() -> None:
-    away = [replace(one, pose=replace(one.pose, y=one.pose.y + 3)) for one in ROWS if one.track == 1]
-    tentative = [replace(one, track=7, status=Status.TENTATIVE) for one in ROWS if one.track == 2]
+    away = [replace(each, pose=replace(each.pose, y=each.pose.y + 3)) for each in ROWS if each.track == 1]
+    tentative = [replace(each, track=7, status=Status.TENTATIVE) for each in ROWS if each.track == 2]
     (only,) = track_deviations(run_of([*away, *tentative], FOUND), TRUTH)
     assert (only.track, only.against) == (1, "")
     assert len(only.shots.times) == 0
@@ -146,7 +146,7 @@ def test_each_track_has_a_column_with_yaw_depth_and_along_in_its_units() -> None
 
 
 def test_more_tracks_than_fit_stand_below() -> None:
-    many = [replace(one, track=one.track + 2 * copy) for one in ROWS for copy in range(3)]
+    many = [replace(each, track=each.track + 2 * copy) for each in ROWS for copy in range(3)]
     few = track_figure(track_deviations(run_of(ROWS, FOUND), TRUTH), "aisle")
     figure = track_figure(track_deviations(run_of(many, FOUND), TRUTH), "aisle")
     assert len(figure.axes) == 3 * 6 > 3 * MOST_BESIDE
@@ -164,12 +164,12 @@ def test_no_track_a_single_row_and_no_deviation_at_all_can_be_drawn(rows: list[T
 
 def test_the_smoother_is_drawn_where_there_is_one() -> None:
     later = []
-    for one in ROWS:
+    for each in ROWS:
         mean, covariance = np.zeros(10), np.eye(10)
-        mean[:4], covariance[:4, :4] = one.pose.as_array(), one.covariance
+        mean[:4], covariance[:4, :4] = each.pose.as_array(), each.covariance
         state = Gaussian(mean, covariance)
-        then = Track(Key(0.0, ""), "t11", state, one.time, 3, confirmed=True)
-        later.append(SmoothedState(one.time, one.track, then, state))
+        then = Track(Key(0.0, ""), "t11", state, each.time, 3, confirmed=True)
+        later.append(SmoothedState(each.time, each.track, then, state))
     run = replace(run_of(ROWS, FOUND), later=tuple(later))
     tracks = track_deviations(run, TRUTH)
     for track in tracks:

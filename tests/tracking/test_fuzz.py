@@ -71,8 +71,8 @@ def nothing_breaks(
     make_site: Callable[..., Any], is_sound: Callable[[PalletTracker], None], stream: Sequence[Input | list[Input]]
 ) -> None:
     tracker = PalletTracker()
-    for one in stream:
-        for event in tracker.push(one):
+    for pushed in stream:
+        for event in tracker.push(pushed):
             assert isinstance(event.kind, EventKind)
         is_sound(tracker)
         for time in (0.0, 3.0, 1e4, math.nan):

@@ -72,7 +72,7 @@ def outcome(draw_drive: Callable[..., Any], factor: float, runs: int, gate: Gate
         tracker, number = PalletTracker(TrackerConfig(gate=gate, errors=AS_STATED)), 0
         inputs = [(sample.time, sample) for sample in drawn.odometry]
         inputs += [(seen.time + 0.03, seen) for seen in drawn.measurements]
-        for _, given in sorted(inputs, key=lambda one: one[0]):
+        for _, given in sorted(inputs, key=lambda pair: pair[0]):
             events = tracker.push(given)
             if isinstance(given, Odometry):
                 continue

@@ -30,7 +30,7 @@ Inputs = list[tuple[float, Any]]
 def inputs_of(drawn: Any, late: float = 0.05) -> Inputs:
     inputs = [(sample.time, sample) for sample in drawn.odometry]
     inputs += [(seen.time + late, seen) for seen in drawn.measurements]
-    return sorted(inputs, key=lambda one: one[0])
+    return sorted(inputs, key=lambda pair: pair[0])
 
 
 def tracked(inputs: Inputs, latency: float = 0.0) -> tuple[PalletTracker, list[Event]]:
@@ -94,7 +94,7 @@ def test_any_order_inside_the_window_gives_the_same_estimate(draw_drive: Callabl
     drawn = draw_drive(9, varying, PALLETS[:2], 12.0, latency=0.05)
     inputs = inputs_of(drawn)
     rng = np.random.default_rng(1)
-    moved = sorted(((time + rng.uniform(0, 0.8), given) for time, given in inputs), key=lambda one: one[0])
+    moved = sorted(((time + rng.uniform(0, 0.8), given) for time, given in inputs), key=lambda pair: pair[0])
     moved.append((0.0, inputs[-1][1]))  # both end with the same newest time
     ends = [found_in(tracked(some)[0]) for some in (inputs, moved)]
     assert ends[0].offset == pytest.approx(ends[1].offset, abs=1e-6)
@@ -110,7 +110,10 @@ def test_odometry_without_samples_around_the_shots_tells_nothing(draw_drive: Cal
     """Between samples a second apart the speed is not known, so it must not be compared."""
     drawn = draw_drive(3, varying, PALLETS, 14.0, latency=0.1)
     thin = [(sample.time, sample) for sample in drawn.odometry[::50]]
-    inputs = sorted(thin + [(one.time + 0.05, one) for one in drawn.measurements], key=lambda one: one[0])
+    inputs = sorted(
+        thin + [(measurement.time + 0.05, measurement) for measurement in drawn.measurements],
+        key=lambda pair: pair[0],
+    )
     assert not tracked(inputs)[0].latency().observable
 
 
@@ -126,7 +129,8 @@ def test_odometry_that_is_hardly_known_does_no_harm(draw_drive: Callable[..., An
     drawn = draw_drive(3, varying, PALLETS[:1], 8.0)
     vague = [replace(sample, covariance=1e11 * np.eye(3)) for sample in drawn.odometry]
     inputs = sorted(
-        [(one.time, one) for one in vague] + [(one.time + 0.05, one) for one in drawn.measurements],
-        key=lambda one: one[0],
+        [(each.time, each) for each in vague]
+        + [(measurement.time + 0.05, measurement) for measurement in drawn.measurements],
+        key=lambda pair: pair[0],
     )
     assert not tracked(inputs)[0].latency().observable

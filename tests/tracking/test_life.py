@@ -36,11 +36,11 @@ def followed(site: Any, until: float, numbers: tuple[int, ...] = (0,), start: fl
     inputs = [site.odometry(k / 20) for k in range(round(20 * start), round(20 * until) + 1)]
     for k in range(math.ceil(5 * start), math.floor(5 * until + 1e-6) + 1):
         inputs += [ShotTaken(k / 5), *(site.measured(number, k / 5) for number in numbers)]
-    return sorted(inputs, key=lambda one: one.time)
+    return sorted(inputs, key=lambda given: given.time)
 
 
 def gone_by(tracker: PalletTracker, inputs: list[Any]) -> list[Event]:
-    return [event for one in inputs for event in tracker.push(one)]
+    return [event for given in inputs for event in tracker.push(given)]
 
 
 def test_a_track_is_born_confirmed_coasts_and_is_lost(make_site: SiteMaker) -> None:
@@ -69,7 +69,7 @@ def test_a_single_false_detection_is_never_confirmed(make_site: SiteMaker, make_
     for k in range(40):
         spot = LevelPose(1.0 + 2.0 * (k % 4), -3.0 - 2.0 * (k // 4 % 3), 0.0, float(rng.uniform(-3, 3)))
         false.append(make_measurement(k / 5, spot))
-    inputs = sorted([*followed(site, 8.0), *false], key=lambda one: one.time)
+    inputs = sorted([*followed(site, 8.0), *false], key=lambda given: given.time)
     events = gone_by(tracker, inputs)
     assert {event.track for event in events if event.kind is EventKind.CONFIRMED} == {1}
 
@@ -96,12 +96,12 @@ def test_a_pallet_that_was_hidden_for_30_s_is_found_under_its_number(make_site: 
     events = gone_by(tracker, followed(site, 34.0, (0, 1), 33.05))
     assert {event.track for event in events if event.kind is EventKind.ACCEPTED} <= {None, 1, 2}
     assert not {"born", "lost", "reinitialized"} & set(kinds(events))
-    assert [one.track for one in tracker.tracks()] == [1, 2]
+    assert [state.track for state in tracker.tracks()] == [1, 2]
 
 
 def test_a_gap_of_odometry_of_2_s_is_bridged(make_site: SiteMaker) -> None:
     site, tracker = make_site(5), PalletTracker()
-    inputs = [one for one in followed(site, 6.0) if not (2.0 < one.time < 4.1 and hasattr(one, "twist"))]
+    inputs = [each for each in followed(site, 6.0) if not (2.0 < each.time < 4.1 and hasattr(each, "twist"))]
     events = gone_by(tracker, inputs)
     assert {"born", "lost"} & set(kinds(events)) == {"born"}
     assert "waiting" in kinds(events)
@@ -133,7 +133,7 @@ def test_rejects_that_contradict_each_other_do_not_move_a_track(make_site: SiteM
     burst = [site.odometry(k / 20) for k in range(61, 90)]
     offs = [(0.3 * (-1) ** k, 0.25 * math.cos(2.1 * k), 0.0, 0.1 * k) for k in range(6)]
     burst += [site.measured(0, 3.2 + k / 5, off) for k, off in enumerate(offs)]
-    events = gone_by(tracker, sorted(burst, key=lambda one: one.time))
+    events = gone_by(tracker, sorted(burst, key=lambda given: given.time))
     assert kinds(events).count("gated") == 6
     assert not {"reinitialized", "born", "lost"} & set(kinds(events))
     state = tracker.state(1)
@@ -162,7 +162,7 @@ def test_two_neighbours_never_swap_and_there_are_never_two_tracks_on_a_pallet(ma
 def test_a_shot_with_the_same_pallet_twice_makes_no_second_track(make_site: SiteMaker) -> None:
     site, tracker = make_site(8), PalletTracker()
     inputs = followed(site, 2.0) + [site.measured(0, k / 5) for k in range(10)]
-    events = gone_by(tracker, sorted(inputs, key=lambda one: one.time))
+    events = gone_by(tracker, sorted(inputs, key=lambda given: given.time))
     assert kinds(events).count("born") == 1
     assert kinds(events).count("gated") >= 8
 
@@ -241,7 +241,7 @@ def test_a_part_of_a_pose_helps_the_track_that_it_is_near(make_site: SiteMaker) 
     site, tracker = make_site(13), PalletTracker()
     gone_by(tracker, followed(site, 1.0, (0, 1)))
     sharp, near = np.array([[1e-6]]), site.truth(1, 1.2)
-    number = min(tracker.tracks(1.2), key=lambda one: math.dist((one.pose.x, one.pose.y), (near.x, near.y))).track
+    number = min(tracker.tracks(1.2), key=lambda each: math.dist((each.pose.x, each.pose.y), (near.x, near.y))).track
     before = tracker.state(number, 1.2)
     yaw = PartialMeasurement(1.2, before.model, ("yaw",), np.array([near.yaw]), sharp, near)
     tracker.push([site.odometry(1.2), yaw])
@@ -298,7 +298,7 @@ def test_a_hidden_pallet_is_carried_along_with_those_that_are_seen(make_site: Si
             slipped = composed(site.forklift(time), (0.04, 0.0, 0.0)) if time > 2.5 else site.forklift(time)
             tracker.push(Odometry(time, slipped))
             tracker.push([site.measured(n, time) for n in range(2 if time > 2.0 else 3)])
-        state = next(one for one in tracker.tracks(3.9) if one.pose.z > 1.0)
+        state = next(state for state in tracker.tracks(3.9) if state.pose.z > 1.0)
         wrong = state.pose.as_array() - site.truth(2, 3.9).as_array()
         return (
             float(np.hypot(*wrong[:2])),

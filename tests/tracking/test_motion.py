@@ -56,12 +56,12 @@ def test_the_series_of_small_turns_joins_the_formulas(turn: float) -> None:
 def test_a_chain_ends_where_its_motions_lead_one_after_the_other() -> None:
     motions = way(np.random.default_rng(1))
     pose = LevelPose(0.0, 0.0, 0.0, 0.0)
-    for one in motions:
-        pose = after(pose, one.increment)
+    for motion in motions:
+        pose = after(pose, motion.increment)
     whole = chain(motions)
     np.testing.assert_allclose(whole.increment, [pose.x, pose.y, pose.yaw], atol=1e-12)
-    assert whole.path == pytest.approx(sum(one.path for one in motions))
-    assert whole.duration == pytest.approx(sum(one.duration for one in motions))
+    assert whole.path == pytest.approx(sum(motion.path for motion in motions))
+    assert whole.duration == pytest.approx(sum(motion.duration for motion in motions))
 
 
 def test_a_chain_carries_noise_and_constants_by_its_derivatives() -> None:

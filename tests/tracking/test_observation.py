@@ -71,7 +71,7 @@ def test_what_is_wrong_stands_in_its_place_among_the_others(make_measurement: An
     bad = make_measurement(1.0, LevelPose(math.nan, 0.0, 0.0, 0.0))
     worse = make_measurement(math.nan, POSE)
     found = observe([make_measurement(0.0, POSE), bad, worse, make_measurement(2.0, POSE)], ERRORS)
-    assert [isinstance(one, BadInputError) for one in found] == [False, True, True, False]
+    assert [isinstance(each, BadInputError) for each in found] == [False, True, True, False]
     assert observe([], ERRORS) == []
 
 

@@ -81,7 +81,7 @@ def test_samples_of_a_recording() -> None:
     columns = np.array([[0.0, 0.1], [1.0, 1.1], [2.0, 2.0], [0.0, 0.1]])
     path = Trajectory(*columns)
     bare = samples_of(path)
-    assert [one.time for one in bare] == [0.0, 0.1]
+    assert [each.time for each in bare] == [0.0, 0.1]
     assert bare[1].pose == LevelPose(1.1, 2.0, 0.0, 0.1)
     assert bare[0].twist is None
     rated = samples_of(replace(path, speed=np.array([1.0, 2.0]), yaw_rate=np.array([0.1, 0.2])))

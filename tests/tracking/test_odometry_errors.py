@@ -28,7 +28,7 @@ def driven(drawn: Any, config: TrackerConfig | None = None) -> PalletTracker:
     tracker = PalletTracker(config)
     inputs = [(sample.time, sample) for sample in drawn.odometry]
     inputs += [(seen.time + 0.03, seen) for seen in drawn.measurements]
-    for _, given in sorted(inputs, key=lambda one: one[0]):
+    for _, given in sorted(inputs, key=lambda pair: pair[0]):
         tracker.push(given)
     return tracker
 

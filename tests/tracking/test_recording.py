@@ -104,7 +104,7 @@ def test_rows_know_nothing_of_the_future() -> None:
     cut = replace(whole, shots=whole.shots[:7], odometry=replace(odometry, speed=None))
     odometry = replace(odometry, speed=np.full(until.sum(), 0.5), yaw_rate=0.08 * np.cos(0.8 * TIMES[until]))
     cut = replace(cut, odometry=odometry)
-    early = track_recording(cut, [one for one in found if one.time <= end]).rows
+    early = track_recording(cut, [each for each in found if each.time <= end]).rows
     assert len(early) == 14
     assert all(same(one, other) for one, other in zip(early, rows, strict=False))
 
@@ -115,18 +115,18 @@ def test_it_is_what_the_tracker_says_when_asked_right_then() -> None:
     tracker = PalletTracker(None, whole.models)
     given: list[Odometry | ShotTaken] = [*samples_of(whole.odometry), *(ShotTaken(shot.time) for shot in whole.shots)]
     answers = []
-    for one in sorted(given, key=lambda one: one.time):
-        tracker.push(one)
-        if isinstance(one, ShotTaken):
-            tracker.push([each for each in found if each.time == one.time])
-            answers += [track_row(state) for state in tracker.tracks(one.time)]
+    for item in sorted(given, key=lambda given: given.time):
+        tracker.push(item)
+        if isinstance(item, ShotTaken):
+            tracker.push([each for each in found if each.time == item.time])
+            answers += [track_row(state) for state in tracker.tracks(item.time)]
     assert all(same(one, other) for one, other in zip(answers, track_recording(whole, found).rows, strict=True))
 
 
 def test_shots_that_could_not_be_used_count_for_nothing_but_have_rows() -> None:
     whole = recording()
     lost = tuple(shot.time for shot in whole.shots[5:9])
-    found = [one for one in measured(whole) if one.time not in lost]
+    found = [measurement for measurement in measured(whole) if measurement.time not in lost]
     counted, unread = track_recording(whole, found), track_recording(whole, found, None, lost)
     for run, expected in ((counted, Status.COASTING), (unread, Status.CONFIRMED)):
         rows = [row for row in run.rows if row.time in lost]
@@ -214,7 +214,7 @@ def test_a_recording_without_measurements_gives_no_tracks() -> None:
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    return {str(one.relative_to(folder)): one.read_bytes() for one in folder.rglob("*") if one.is_file()}
+    return {str(each.relative_to(folder)): each.read_bytes() for each in folder.rglob("*") if each.is_file()}
 
 
 def written(folder: Path, run: TrackedRecording) -> set[str]:
@@ -228,11 +228,13 @@ def test_a_run_replaces_all_of_the_one_before(tmp_path: Path) -> None:
     more = {"tracks_smoothed.csv", "tracks_smoothed/1.tum", "tracks_smoothed/2.tum"}
     assert written(tmp_path / "out", track_recording(whole, measured(whole), smooth=True)) == names | more
     assert written(tmp_path / "out", track_recording(whole, measured(whole))) == names
-    lone = [one for one in measured(whole) if one.forklift_from_pallet.z < 0.6]
+    lone = [measurement for measurement in measured(whole) if measurement.forklift_from_pallet.z < 0.6]
     run = track_recording(whole, lone)
     assert written(tmp_path / "out", run) == names - {"tracks/2.tum"}
     assert len(read_tracks(tmp_path / "out" / "tracks.csv")) == 12
-    assert [event.kind for event in read_events(tmp_path / "out" / "events.csv")] == [one.kind for one in run.events]
+    assert [event.kind for event in read_events(tmp_path / "out" / "events.csv")] == [
+        event.kind for event in run.events
+    ]
 
 
 def test_measurements_are_read_for_their_shots(tmp_path: Path) -> None:
@@ -245,7 +247,7 @@ def test_measurements_are_read_for_their_shots(tmp_path: Path) -> None:
     ]
     write_measurements(tmp_path / "m.csv", moved)
     read = read_measured(tmp_path / "m.csv", whole)
-    assert [one.time for one in read] == [one.time for one in found]
+    assert [each.time for each in read] == [each.time for each in found]
 
 
 @pytest.mark.parametrize(
@@ -273,7 +275,7 @@ def test_tracks_beat_the_shots_that_they_are_made_of(name: str, hits: int) -> No
     if not (SHARED / name).is_dir():
         pytest.skip("the shared recordings are not there")
     job, truth = read_job(SHARED / name), read_truth(SHARED / name)
-    found = [one for number in range(len(job.shots)) for one in job.explain(number).measurements]
+    found = [measurement for number in range(len(job.shots)) for measurement in job.explain(number).measurements]
     run = track_recording(job.recording, found, smooth=True)
 
     def offsets(measured: Sequence[PalletMeasurement]) -> dict[tuple[str, float], FloatArray]:
@@ -281,7 +283,7 @@ def test_tracks_beat_the_shots_that_they_are_made_of(name: str, hits: int) -> No
         scene = TrueScene(truth.forklift, truth.pallets, widths, job.recording.forklift_from_camera)
         match = match_run([shot.time for shot in job.shots], from_measurements(measured), scene)
         assert not any(shot.false for shot in match.shots)
-        return {(one.face.id, one.time): one.offset[[0, 1, 3]] for one in match.errors}
+        return {(each.face.id, each.time): each.offset[[0, 1, 3]] for each in match.errors}
 
     def as_measured(rows: Sequence[TrackRow], hits: int) -> list[PalletMeasurement]:
         kept = [row for row in rows if row.hits >= hits and row.age == 0 and row.status is Status.CONFIRMED]

@@ -217,7 +217,7 @@ def test_on_a_linear_way_it_is_the_least_squares_solution(errors_alike: Measurem
         R[4 * k : 4 * k + 4, 4 * k : 4 * k + 4] = noise
     joint = covariance.reshape(count * size, count * size)
     gain = np.linalg.solve(H @ joint @ H.T + R, H @ joint).T
-    away = np.concatenate([one.values for one in observations[1:]]) - H @ mean.ravel()
+    away = np.concatenate([observation.values for observation in observations[1:]]) - H @ mean.ravel()
     best = (mean.ravel() + gain @ away).reshape(count, size)
     left = (joint - gain @ H @ joint).reshape(count, size, count, size)
     for k, state in enumerate(smoothed_chain(chain)):
@@ -256,7 +256,7 @@ def turned(by: float) -> list[TrackGroup]:
 
     tracker = PalletTracker(HONEST, keep_history=True)
     for given in run_of(2).inputs:
-        tracker.push([rotated(one) for one in given])
+        tracker.push([rotated(each) for each in given])
     return list(chain_of(tracker).values())
 
 
@@ -283,7 +283,7 @@ def test_the_window_does_not_matter_even_where_nothing_is_seen_for_longer(window
     other = followed(Approach(gap, {}))
     shots = {given[0].time for given in gap if isinstance(given[0], ShotTaken)}
     states = [
-        all_of([moment for moment in smoothed(one.history()) if moment.time in shots]) for one in (tracker, other)
+        all_of([moment for moment in smoothed(each.history()) if moment.time in shots]) for each in (tracker, other)
     ]
     assert len(states[0]) == len(shots) == 12
     # a way in pieces has other linearisation points: micrometres; a step too many moves millimetres
@@ -291,13 +291,13 @@ def test_the_window_does_not_matter_even_where_nothing_is_seen_for_longer(window
 
 
 def all_of(moments: Sequence[SmoothedMoment]) -> FloatArray:
-    return np.array([one.state.mean for moment in moments for one in moment.states])
+    return np.array([state.state.mean for moment in moments for state in moment.states])
 
 
 def test_late_shots_lead_to_the_same_history() -> None:
     shots = [given for given in run_of(3).inputs if isinstance(given[0], ShotTaken)]
     late = sorted(
-        run_of(3).inputs, key=lambda given: given[0].time + (1.3 if any(given is one for one in shots) else 0.0)
+        run_of(3).inputs, key=lambda given: given[0].time + (1.3 if any(given is shot for shot in shots) else 0.0)
     )
     assert late != run_of(3).inputs
     in_order = smoothed(followed(run_of(3)).history())

@@ -1,7 +1,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -38,12 +39,12 @@ def test_after_a_restart_at_any_time_all_goes_on_to_the_last_bit(
     inputs = site.late(site.stream(4.0), 0.8)
     cut = round(share * len(inputs))
     tracker = PalletTracker()
-    for one in inputs[:cut]:
-        tracker.push(one)
+    for each in inputs[:cut]:
+        tracker.push(each)
     restored = again(tracker)
     assert_same(tracker, restored)
-    for one in inputs[cut:]:
-        assert repr(tracker.push(one)) == repr(restored.push(one))
+    for each in inputs[cut:]:
+        assert repr(tracker.push(each)) == repr(restored.push(each))
     assert_same(tracker, restored)
 
 
@@ -67,7 +68,7 @@ def test_a_rival_and_another_config_are_kept(make_site: SiteMaker) -> None:
     tracker = PalletTracker(config)
     for k in range(40):
         tracker.push([site.odometry(k / 5), site.measured(0, k / 5, (0.3 * (k > 20), 0.0, 0.0, 0.0))])
-    assert tracker._window.base.tracks[0].contradiction is not None
+    assert tracker._window.base.tracks[0].rejected is not None
     restored = again(tracker)
     assert restored.config == config
     for k in range(40, 55):
@@ -90,10 +91,10 @@ def test_the_models_of_the_site_are_given_again(make_site: SiteMaker) -> None:
     assert [str(event.kind) for event in restored.push(site.measured(0, 0.0))] == ["rejected"]
 
 
-def broken(snapshot: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
+def broken(snapshot: dict[str, Any], place: Sequence[Any], value: Any) -> dict[str, Any]:
     changed: dict[str, Any] = json.loads(json.dumps(snapshot))
     inside: Any = changed
-    *steps, last = [int(step) if step.isdecimal() else step for step in path.split(".")]
+    *steps, last = place
     for step in steps:
         inside = inside[step]
     if value is KeyError:
@@ -150,10 +151,44 @@ def test_what_is_wrong_with_a_snapshot_is_said_in_one_line(
     site, tracker = make_site(4), PalletTracker()
     for k in range(100):
         tracker.push([Odometry(k / 20, site.forklift(k / 20)), *([site.measured(0, k / 20)] if k % 4 == 0 else [])])
+    place = [int(step) if step.isdecimal() else step for step in path.split(".")]
     with pytest.raises(SnapshotError, match=words) as fault:
-        PalletTracker.restore(broken(tracker.snapshot(), path, value))
+        PalletTracker.restore(broken(tracker.snapshot(), place, value))
     assert "\n" not in str(fault.value)
     assert str(fault.value).startswith("snapshot: ")
+
+
+def places_in(plain: Any, place: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    """Return the places of all values in a snapshot; of long lists those of the first ones."""
+    keys = list(plain) if isinstance(plain, dict) else range(min(len(plain), 4)) if isinstance(plain, list) else ()
+    return [place] * bool(place) + [inside for key in keys for inside in places_in(plain[key], (*place, key))]
+
+
+@pytest.mark.parametrize("count", [60, pytest.param(1000, marks=pytest.mark.slow)])
+def test_a_damaged_snapshot_is_refused_in_one_line_or_does_no_harm(make_site: SiteMaker, count: int) -> None:
+    site, tracker, rng = make_site(5), PalletTracker(), np.random.default_rng(0)
+    *inputs, last = site.stream(3.5, rate=10)
+    for given_input in inputs:
+        tracker.push(given_input)
+    snapshot = json.loads(json.dumps(tracker.snapshot()))
+    places = [place for place in places_in(snapshot) if place[0] != "config"]  # parameters may be any
+    wrong: list[Any] = [None, True, -1, 0, 1e29, -1e29, math.nan, math.inf, 10**400, "1.0", [], {}, [[1.0]], KeyError]
+    for at, value in zip(rng.integers(len(places), size=count), rng.integers(len(wrong), size=count), strict=True):
+        place = places[at]
+        damage = 0.0 if wrong[value] is KeyError and isinstance(place[-1], int) else wrong[value]
+        restored = restored_or_fault(broken(snapshot, place, damage))
+        if isinstance(restored, str):
+            assert "\n" not in restored
+        else:
+            restored.push(last)
+            json.dumps(restored.snapshot(), allow_nan=False)
+
+
+def restored_or_fault(snapshot: Any) -> PalletTracker | str:
+    try:
+        return PalletTracker.restore(snapshot)
+    except SnapshotError as fault:
+        return str(fault)
 
 
 @pytest.mark.parametrize("given_snapshot", [None, [], "{}", 3])

@@ -47,12 +47,12 @@ def drive(seconds: float = 3.0) -> list[Given]:
     """Return odometry at 20 Hz, and a shot between samples twice a second, in order of time."""
     times = np.arange(0, seconds, 0.05)
     given: list[Given] = [*map(sample, times.tolist()), *map(shot, np.arange(0.11, seconds, 0.5).tolist())]
-    return sorted(given, key=lambda one: one.time)
+    return sorted(given, key=lambda given: given.time)
 
 
 def late(given: Iterable[Given], by: float) -> list[Given]:
     """Return the same in the order of arrival if shots take longer."""
-    return sorted(given, key=lambda one: one.time + (by if isinstance(one, CameraShot) else 0.0))
+    return sorted(given, key=lambda arrived: arrived.time + (by if isinstance(arrived, CameraShot) else 0.0))
 
 
 @dataclass
@@ -86,8 +86,10 @@ def test_it_is_the_same_as_measuring_and_pushing_by_hand() -> None:
     streamed, by_hand = PalletTracker(), PalletTracker()
     events = list(stream(drive(), Eye(), streamed))
     expected: list[Event] = []
-    for one in drive():
-        expected += by_hand.push([ShotTaken(one.time), seen(one.time)] if isinstance(one, CameraShot) else one)
+    for given in drive():
+        expected += by_hand.push(
+            [ShotTaken(given.time), seen(given.time)] if isinstance(given, CameraShot) else given
+        )
     assert events == expected
     assert (streamed.state(1).covariance == by_hand.state(1).covariance).all()
     assert streamed.state(1).pose == by_hand.state(1).pose
@@ -178,10 +180,10 @@ def test_a_recording_comes_in_order_of_arrival() -> None:
     recording = read_recording(SAMPLE)
     for delay in (0.0, 0.31):
         arrived = list(RecordingSource(recording, delay))
-        at = [one.time + (delay if isinstance(one, CameraShot) else 0.0) for one in arrived]
+        at = [each.time + (delay if isinstance(each, CameraShot) else 0.0) for each in arrived]
         assert at == sorted(at)
-        shots = [one for one in arrived if isinstance(one, CameraShot)]
-        assert [(one.time, one.file) for one in shots] == [(one.time, one.file) for one in recording.shots]
+        shots = [each for each in arrived if isinstance(each, CameraShot)]
+        assert [(shot.time, shot.file) for shot in shots] == [(shot.time, shot.file) for shot in recording.shots]
         assert len(arrived) == len(recording.shots) + len(recording.odometry.times)
     assert (shots[2].load() == recording.image(recording.shots[2])).all()
 
@@ -212,7 +214,7 @@ def test_the_shelf_is_where_odometry_says_with_the_drift_it_may_have() -> None:
         assert shelf.drift == expected.drift
         assert shelf.levels == recording.shelf.levels
     camera = recording.camera
-    assert stand.shots == [((camera.height, camera.width, 3), one.time, one.file) for one in recording.shots]
+    assert stand.shots == [((camera.height, camera.width, 3), shot.time, shot.file) for shot in recording.shots]
 
 
 def test_without_a_time_the_drift_counts_from_the_first_shot() -> None:
@@ -235,6 +237,6 @@ def test_the_example_follows_the_pallets_of_the_sample(capsys: pytest.CaptureFix
     single = made["localizer"].localizer.localize(recording.shot(last), recording.shelf_at(last.time))
     states = tracker.tracks(last.time)
     assert sum(line.endswith(" born") for line in printed) == len(states)
-    for one in single:
-        place = one.forklift_from_pallet.as_array()[:3]
+    for each in single:
+        place = each.forklift_from_pallet.as_array()[:3]
         assert min(np.linalg.norm(state.pose.as_array()[:3] - place) for state in states) < 0.05

@@ -53,8 +53,8 @@ def test_an_input_in_between_ends_a_row() -> None:
 def test_five_inputs_near_each_other_from_far_away_are_the_present() -> None:
     clock = running()
     found = [clock.judge(-500.0 + 0.1 * k) for k in range(5)]
-    assert [one.restarted for one in found] == [False] * 4 + [True]
-    assert [one.follows for one in found] == list(range(5))
+    assert [each.restarted for each in found] == [False] * 4 + [True]
+    assert [each.follows for each in found] == list(range(5))
     assert clock.newest == pytest.approx(-499.6)
 
 
@@ -66,7 +66,7 @@ def test_far_inputs_that_are_far_from_each_other_are_not() -> None:
 def test_late_inputs_alone_for_a_whole_window_are_the_present() -> None:
     clock = running()
     found = [clock.judge(90.0 + 0.1 * k) for k in range(21)]
-    assert [one.restarted for one in found].index(True) == 20
+    assert [each.restarted for each in found].index(True) == 20
     assert clock.newest == pytest.approx(92.0)
 
 

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any
@@ -191,10 +189,7 @@ BASALT = {
     "value0": {
         "T_imu_cam": [{"px": 0.0, "py": 0.0, "pz": 0.0, "qx": 0.0, "qy": 0.0, "qz": 0.0, "qw": 1.0}],
         "intrinsics": [
-            {
-                "camera_type": "ds",
-                "intrinsics": {"fx": 1.0, "fy": 1.0, "cx": 1.0, "cy": 1.0, "xi": 0.0, "alpha": 0.5},
-            }
+            {"camera_type": "ds", "intrinsics": {"fx": 1.0, "fy": 1.0, "cx": 1.0, "cy": 1.0, "xi": 0.0, "alpha": 0.5}}
         ],
         "resolution": [[640, 480]],
     }

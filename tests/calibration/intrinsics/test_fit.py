@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -244,10 +242,7 @@ def test_bad_input_is_one_line(
 
 @pytest.mark.parametrize(
     ("line", "message"),
-    [
-        (0, "line 1: expected the columns shot,board,lens"),
-        (5, "line 6: expected two names, a lens and five numbers"),
-    ],
+    [(0, "line 1: expected the columns shot,board,lens"), (5, "line 6: expected two names, a lens and five numbers")],
 )
 def test_a_bad_line_of_corners_is_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], line: int, message: str

@@ -1,7 +1,5 @@
 """Boards before lenses whose parameters are known."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

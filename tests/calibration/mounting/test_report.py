@@ -15,16 +15,7 @@ from palletloc.cli.app import run
 from palletloc.geometry import Image
 from palletloc.io.camera_spec import transform_from_angles
 from palletloc.io.recording import read_recording
-from tests.calibration.yard_folder import (
-    CAMERA,
-    CORNERS,
-    board_key,
-    calibrate,
-    copied,
-    render_yard,
-    set_key,
-    write,
-)
+from tests.calibration.yard_folder import CAMERA, CORNERS, board_key, calibrate, copied, render_yard, set_key, write
 
 DEV_YARD = Path(__file__).resolve().parents[3].parent / "shared/data/dev_yard"
 

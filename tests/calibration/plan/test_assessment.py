@@ -198,10 +198,7 @@ def far(content: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize(("change", "code"), [(turned, "turned_away"), (far, "small_markers")])
 def test_targets_that_will_not_be_found_are_named(
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    change: Callable[[dict[str, Any]], None],
-    code: str,
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], change: Callable[[dict[str, Any]], None], code: str
 ) -> None:
     plan(write(tmp_path, [FRONT, BACK, LEFT, RIGHT], change))
     assert f"warning: {code}:" in capsys.readouterr().err

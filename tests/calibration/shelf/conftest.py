@@ -1,7 +1,5 @@
 """Recordings of pictures that a test has drawn."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from pathlib import Path
 

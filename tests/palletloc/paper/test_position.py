@@ -40,17 +40,11 @@ def off(pose: LevelPose, truth: LevelPose = POSE) -> tuple[float, float]:
     return float(sin * dx - cos * dy), float(cos * dx + sin * dy)
 
 
-@pytest.mark.parametrize("name", ["epal", "t11", "open_below"])
 @pytest.mark.parametrize("factor", [0.97, 1.0, 1.03])
 @pytest.mark.parametrize("prior", [FLOOR, None], ids=["level", "free"])
 def test_the_best_peak_is_the_pallet_wherever_on_the_ray_it_starts(
-    name: str,
-    factor: float,
-    prior: HeightPrior | None,
-    portrait: Portrait,
-    request: pytest.FixtureRequest,
+    model: PalletModel, factor: float, prior: HeightPrior | None, portrait: Portrait
 ) -> None:
-    model: PalletModel = request.getfixturevalue(name)
     shot = portrait(model, POSE)
     found = swept(shot, model, along_ray(shot, POSE, factor), prior)
     assert isinstance(found, Sweep)

@@ -47,13 +47,11 @@ def slid(shot: Shot, pose: LevelPose, factor: float) -> LevelPose:
     return replace(pose, x=x, y=y, z=z)
 
 
-@pytest.mark.parametrize("name", ["epal", "t11", "open_below"])
 @pytest.mark.parametrize("yaw_deg", [-6.0, 1.1, 5.0])
 @pytest.mark.parametrize("x", [0.3, 1.8])
 def test_the_yaw_of_a_pallet_on_the_floor_is_within_three_sigma(
-    name: str, yaw_deg: float, x: float, portrait: Portrait, request: pytest.FixtureRequest
+    model: PalletModel, yaw_deg: float, x: float, portrait: Portrait
 ) -> None:
-    model: PalletModel = request.getfixturevalue(name)
     pose = LevelPose(x, 2.0, 0.0, np.pi / 2 + np.radians(yaw_deg))
     found = measured(portrait(model, pose), model, pose)
     assert abs(found.yaw - pose.yaw) < 3 * found.sigma

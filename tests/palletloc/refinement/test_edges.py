@@ -48,9 +48,7 @@ def test_a_face_knows_where_the_camera_is(portrait: Portrait, t11: PalletModel) 
     assert seen.plane_from_camera[2] > 0
 
 
-@pytest.mark.parametrize("name", ["epal", "t11", "open_below"])
-def test_edges_are_where_the_true_pose_says(name: str, portrait: Portrait, request: pytest.FixtureRequest) -> None:
-    model: PalletModel = request.getfixturevalue(name)
+def test_edges_are_where_the_true_pose_says(model: PalletModel, portrait: Portrait) -> None:
     edges = edges_at(portrait(model, POSE), POSE, model)
     certain = [one for one in edges if one.edge.kind is not EdgeKind.TOP]  # a load stands on the upper edge
     offsets = np.array([one.fit.offset for one in certain])
@@ -139,11 +137,9 @@ def test_from_behind_there_is_no_face(behind: LevelPose, portrait: Portrait, t11
 
 
 @pytest.mark.parametrize("grown", [0.0023, -0.0037])
-@pytest.mark.parametrize("name", ["epal", "t11", "open_below"])
 def test_drawn_edges_are_measured_to_a_tenth_of_a_pixel(
-    name: str, grown: float, shoot_face: Callable[..., Image], request: pytest.FixtureRequest
+    model: PalletModel, grown: float, shoot_face: Callable[..., Image]
 ) -> None:
-    model: PalletModel = request.getfixturevalue(name)
     sharp = replace(model, edge_radius=0.0)
     camera = Pinhole(900, 320, 900.0, 900.0, 449.5, 159.5)
     turned = Rotation.from_euler("ZYX", [1.25, 0.42, 0.03])

@@ -24,7 +24,7 @@ Poses = Callable[..., Any]
 
 CLOSE = 0.02  # px: rays that pass a surface closer than a hundredth of a pixel hit it
 PLACE = LevelPose(2.0, 0.1, 0.6, 0.12)
-EQUIRECTANGULAR, PINHOLE = Equirectangular(1400, 700), Pinhole(640, 480, 420.0, 420.0, 319.5, 239.5)
+EQUIRECTANGULAR, PINHOLE = Equirectangular(1000, 500), Pinhole(640, 480, 420.0, 420.0, 319.5, 239.5)
 
 
 def face_line(start: tuple[float, float], end: tuple[float, float]) -> FloatArray:

@@ -64,8 +64,8 @@ def test_an_exact_nominal_plane_passes_through_fronts_without_setback(side: Side
 
 
 def test_the_nominal_plane_is_off_within_its_limits() -> None:
-    exact = [simulate(EXACT, seed).shelf for seed in range(40)]
-    off = [simulate(replace(EXACT, plane_offset=0.03, plane_turn=0.014), seed).shelf for seed in range(40)]
+    exact = [simulate(EXACT, seed).shelf for seed in range(20)]
+    off = [simulate(replace(EXACT, plane_offset=0.03, plane_turn=0.014), seed).shelf for seed in range(20)]
     pairs = list(zip(exact, off, strict=True))
     turns = np.array([b.facing - a.facing for a, b in pairs])
     shifts = np.array([(b.x - a.x) * np.cos(a.facing) + (b.y - a.y) * np.sin(a.facing) for a, b in pairs])
@@ -79,7 +79,7 @@ def test_a_mounting_with_errors_differs_from_the_true_one_by_them() -> None:
     )
     spec = replace(SPEC, mounting_translation_sigma=0.01, mounting_rotation_sigma=0.002)
     shifts, turns = [], []
-    for seed in range(60):
+    for seed in range(30):
         simulation = simulate(spec, seed)
         error = simulation.forklift_from_camera.inv() * simulation.recorded_mounting
         shifts.append(error.translation)
@@ -124,7 +124,7 @@ def test_levels_may_be_kept_secret_or_be_off_while_the_pallets_stay() -> None:
     assert simulate(replace(SPEC, tell_levels=False), 1).shelf.levels == ()
     assert exact.aisle.pallets == off.aisle.pallets
     assert replace(off.shelf, levels=()) == replace(exact.shelf, levels=())
-    errors = [simulate(replace(SPEC, level_sigma=0.003), seed).shelf.levels[0] for seed in range(100)]
+    errors = [simulate(replace(SPEC, level_sigma=0.003), seed).shelf.levels[0] for seed in range(40)]
     assert np.std(errors) == pytest.approx(0.003, rel=0.25)
 
 

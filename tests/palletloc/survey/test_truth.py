@@ -57,7 +57,7 @@ def test_the_stated_covariance_is_true(
         for stop in survey_truth(plan, as_survey(lab_points, rng, plan.sigma)).stops:
             for pose in stop.poses:
                 total[stop.name, pose.id] += pose.nees(lab_truth[stop.name, pose.id])
-    low, high = chi2.ppf([0.0005, 0.9995], 4 * count)
+    low, high = (float(chi2.ppf(tail, 4 * count)) for tail in (0.0005, 0.9995))
     assert all(low < value < high for value in total.values()), total
 
 

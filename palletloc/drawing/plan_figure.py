@@ -84,7 +84,7 @@ def plan_figure(pallets: Sequence[Placed], mounting: Mounting, shelf: ShelfPlane
     -------
     Figure
         Ahead is to the right, the forklift's left is up. Ellipses and fans show one and three standard deviations
-        of position and yaw; where they would be too small to be seen, magnified by a factor that the figure tells.
+        of position and yaw; where they would be too small to be seen, magnified by a factor that the figure states.
     """
     corners = [_corners(model, pose) for _, model, pose, _ in pallets]
     x, y, _ = mounting.center
@@ -213,14 +213,7 @@ def _draw_table(figure: Figure, top: float, pallets: Sequence[Placed]) -> None:
         cells += [f"{TIMES} {times}" for times in _magnifications(covariance)]
         for cell, (_, at, align) in zip(cells, _COLUMNS, strict=True):
             text = axes.text(
-                at,
-                row,
-                cell.replace("-", MINUS),
-                ha=align,
-                va="center",
-                size=9.5,
-                color=INK,
-                parse_math=False,
+                at, row, cell.replace("-", MINUS), ha=align, va="center", size=9.5, color=INK, parse_math=False
             )
             if at == _COLUMNS[0][1]:
                 text.set(color=colors[name], weight="bold")

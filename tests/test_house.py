@@ -13,10 +13,10 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 import palletloc
+from palletloc import PalletLocError
 from palletloc.__main__ import COMMANDS, main
 from palletloc.cli.app import COMMANDS as OWN_COMMANDS
 from palletloc.cli.app import Command, run
-from palletloc.errors import PalletLocError
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("palletloc", "tracking", "calibration")

@@ -46,8 +46,7 @@ def test_recordings_are_evaluated_by_workers(tmp_path: Path) -> None:
         shutil.copytree(SAMPLE, tmp_path / "all" / name, ignore=shutil.ignore_patterns("images"))
         shutil.copytree(tmp_path / "run", tmp_path / "all" / name / "run")
     program(
-        *("evaluate", "--batch", tmp_path / "all", "--estimate", "run", "--workers", 2),
-        *("--out", tmp_path / "out"),
+        *("evaluate", "--batch", tmp_path / "all", "--estimate", "run", "--workers", 2), *("--out", tmp_path / "out")
     )
     assert (tmp_path / "out" / "batch.json").is_file()
 

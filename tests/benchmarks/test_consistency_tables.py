@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from benchmarks.consistency_tables import FACTORS, class_table, factor_table
+from benchmarks.run_parts import between
 from benchmarks.scenes import draw_scene
 from benchmarks.tables import Section, Value
 from benchmarks.views import HeightClass, ShotViews, View
-from palletloc.choices import Method
+from palletloc import LevelPose, Method
 from palletloc.evaluation.pose_error import PalletEstimate, PoseError, TrueFace
-from palletloc.geometry import LevelPose
+from palletloc.evaluation.run_match import match_shot
 
 FULL, HALF = draw_scene(0), draw_scene(1)
 
@@ -86,3 +87,16 @@ def test_the_parts_of_a_factor_stand_in_their_order() -> None:
         views = [View(scene, face, HeightClass.FLOOR, 0.1, None, False) for scene in scenes]
         lows = [float(label.split()[0]) for label in sorted({FACTORS[factor](view) for view in views})]
         assert lows == sorted(lows)
+
+
+def test_parts_by_height_hold_each_pallet_once() -> None:
+    places = [LevelPose(2.0 * i, 2, z, 0) for i, z in enumerate((0.0, 1.2, 1.55, 2.4))]
+    faces = [TrueFace(str(i), "t11", pose, 2.0, 1.8 - pose.z, True) for i, pose in enumerate(places)]
+    found = [LevelPose(2.0 * i, 2 + 0.6 * (i == 1), z, 0) for i, z in enumerate((0.0, 1.2, 1.55))]
+    shot = match_shot(0.0, [PalletEstimate(0.0, "t11", pose, np.eye(4)) for pose in found], faces)
+    low, high = between(shot, 0.6, np.inf, 1.8), between(shot, -np.inf, 0.6, 1.8)
+    assert [error.face.id for error in low.errors] == ["0"]
+    assert [face.id for face in low.missed] == ["1"]
+    assert [error.face.id for error in high.errors] == ["2"]
+    assert [face.id for face in high.missed] == ["3"]
+    assert (len(low.false), len(high.false)) == (1, 0)

@@ -9,16 +9,15 @@ import pytest
 from matplotlib.figure import Figure
 from scipy.spatial.transform import RigidTransform
 
+from benchmarks.command import run
 from benchmarks.method_figure import method_figure
+from palletloc import LevelPose, PalletLocError, PalletMeasurement, Recording, ShelfPlane, load_library
 from palletloc.cameras import Equirectangular
 from palletloc.drawing.canvas import png, small_png
-from palletloc.errors import PalletLocError
-from palletloc.geometry import LevelPose, level_pose
-from palletloc.io.recording import Recording, ShotFile
+from palletloc.geometry import level_pose
+from palletloc.io.recording import ShotFile
 from palletloc.io.truth import TruePallet, Truth
-from palletloc.measurement import PalletMeasurement, YawSource
-from palletloc.pallet_library import load_library
-from palletloc.shelf import ShelfPlane
+from palletloc.measurement import YawSource
 from palletloc.trajectory import Trajectory
 
 TIMES = (0.0, 1.0, 2.0)
@@ -123,3 +122,10 @@ def test_no_method_and_a_foreign_truth_are_refused(recording: Recording) -> None
     short = Trajectory(np.array(TIMES[:2]), np.array([1.0, 1.3]), np.full(2, 0.2), np.full(2, 0.3))
     with pytest.raises(PalletLocError, match="no truth for the shot at 2 s"):
         method_figure(recording, Truth(short, (LOW,)), {"a": []})
+
+
+def test_a_figure_belongs_to_the_accuracy(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ending:
+        run(["--figure", str(tmp_path)])
+    assert ending.value.code == 2
+    assert "--figure needs --accuracy" in capsys.readouterr().err

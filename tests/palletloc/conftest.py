@@ -10,15 +10,20 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from palletloc import (
+    LevelPose,
+    Localizer,
+    LocalizerConfig,
+    Method,
+    Mounting,
+    Opening,
+    PalletModel,
+    Shot,
+    load_library,
+)
 from palletloc.cameras import CameraModel, Equirectangular, Pinhole
-from palletloc.choices import Method
-from palletloc.config import LocalizerConfig
-from palletloc.geometry import FloatArray, LevelPose
-from palletloc.localizer import Localizer
-from palletloc.mounting import Mounting
-from palletloc.pallet import Opening, PalletModel
+from palletloc.geometry import FloatArray
 from palletloc.plane import PlaneGrid, PlaneView
-from palletloc.shot import Shot
 from palletloc.synthetic.materials import CARTONS, CEILING, CONCRETES, PAINTS, PLASTERS, PLASTICS, WOODS
 from palletloc.synthetic.pallet_solid import PalletBody
 from palletloc.synthetic.placing import standing
@@ -26,6 +31,7 @@ from palletloc.synthetic.rays import CameraRays, camera_rays
 from palletloc.synthetic.rendering import lit, render
 from palletloc.synthetic.rig import Sensor, expose
 from palletloc.synthetic.scene import Light, Room, Scene, Solid
+from tests.palletloc.poses import POSE, Photograph, Placed, Portrait
 
 RECORDING = """\
 format: 1
@@ -50,8 +56,6 @@ LAMPS = Light(
 )
 INTO = np.pi / 2
 """Heading into a shelf on the left."""
-Placed = tuple[PalletModel, LevelPose]
-"""A pallet where it stands in the forklift frame."""
 
 
 @pytest.fixture
@@ -105,6 +109,22 @@ def model(request: pytest.FixtureRequest) -> PalletModel:
     """Return each of the three in turn: closed below, rounded, and open below."""
     found: PalletModel = request.getfixturevalue(request.param)
     return found
+
+
+@pytest.fixture(scope="session")
+def models(epal: PalletModel, t11: PalletModel, open_below: PalletModel) -> tuple[PalletModel, ...]:
+    """Return all three."""
+    return (epal, t11, open_below)
+
+
+@pytest.fixture(
+    params=["epal", "t11", "open_below", *load_library().values()],
+    ids=lambda param: getattr(param, "name", "own-" + str(param)),
+)
+def any_model(request: pytest.FixtureRequest) -> PalletModel:
+    """Return each of the three and each pallet of the library in turn."""
+    found: PalletModel | str = request.param
+    return request.getfixturevalue(found) if isinstance(found, str) else found
 
 
 @pytest.fixture(scope="session")
@@ -171,20 +191,31 @@ def photograph() -> Callable[..., Shot]:
 
 
 @pytest.fixture(scope="session")
-def portrait(photograph: Callable[..., Shot], narrow_view: CameraModel) -> Callable[..., Shot]:
+def portrait(photograph: Photograph, narrow_view: CameraModel) -> Callable[..., Shot]:
     """Return a function that takes a picture of one pallet with a small camera aimed at it."""
 
     def aimed(
-        model: PalletModel,
-        pose: LevelPose,
-        center: tuple[float, float, float] = (0.3, -0.08, 1.85),
-        seed: int = 0,
+        model: PalletModel, pose: LevelPose, center: tuple[float, float, float] = (0.3, -0.08, 1.85), seed: int = 0
     ) -> Shot:
         x, y, z = np.array([pose.x, pose.y, pose.z + model.height / 2]) - center
         aim = np.degrees([np.arctan2(y, x), np.arctan2(-z, np.hypot(x, y))])
         return photograph(((model, pose),), narrow_view, (*center, *aim.tolist(), 0.8), seed=seed)
 
     return aimed
+
+
+@pytest.fixture(params=[22.0, -22.0])
+def cut_shot(
+    request: pytest.FixtureRequest,
+    photograph: Photograph,
+    portrait: Portrait,
+    narrow_view: CameraModel,
+    t11: PalletModel,
+) -> Shot:
+    """Return a picture whose border cuts the pallet at `POSE`."""
+    straight = portrait(t11, POSE).mounting.forklift_from_camera
+    yaw, pitch, roll = straight.rotation.as_euler("ZYX", degrees=True).tolist()
+    return photograph(((t11, POSE),), narrow_view, (*straight.translation, yaw + request.param, pitch, roll))
 
 
 @pytest.fixture(scope="session")
@@ -197,7 +228,7 @@ def floor_pallets(open_below: PalletModel, t11: PalletModel) -> tuple[Placed, ..
 
 
 @pytest.fixture(scope="session")
-def floor_shot(photograph: Callable[..., Shot], floor_pallets: tuple[Placed, ...], whole_view: CameraModel) -> Shot:
+def floor_shot(photograph: Photograph, floor_pallets: tuple[Placed, ...], whole_view: CameraModel) -> Shot:
     """Return a 360-degree shot of the pallets on the floor."""
     return photograph(floor_pallets, whole_view, (0.3, -0.08, 1.85, -1.2, 0.9, -0.7))
 
@@ -227,7 +258,7 @@ def rack_pallets(t11: PalletModel) -> tuple[Placed, ...]:
 
 
 @pytest.fixture(scope="session")
-def rack_shot(photograph: Callable[..., Shot], rack_pallets: tuple[Placed, ...], whole_view: CameraModel) -> Shot:
+def rack_shot(photograph: Photograph, rack_pallets: tuple[Placed, ...], whole_view: CameraModel) -> Shot:
     """Return a 360-degree shot from a camera 1.3 m above the floor."""
     return photograph(rack_pallets, whole_view, (0.1, 0.0, 1.3, 0.5, -0.4, 0.6))
 

@@ -9,33 +9,24 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palletloc import fitting
+from palletloc import Candidate, Fit, LevelPose, LocalizerConfig, PalletModel, Refusal, Shot, fitting
 from palletloc.cameras import Pinhole
-from palletloc.candidate import Candidate, Fit, Refusal
-from palletloc.config import LocalizerConfig
 from palletloc.fitting import FitStart, fit_from_starts
-from palletloc.geometry import LevelPose
 from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
-from palletloc.pallet import PalletModel
 from palletloc.refinement.face_fit import FaceEstimate, fit_face
 from palletloc.refinement.level_lines import LevelYaw
 from palletloc.refinement.patch import FacePatch, view_patch
-from palletloc.shot import Shot
+from tests.palletloc.poses import CONFIG, FLOOR, Outcome, fit_of
 
-FLOOR = HeightPrior(0.0, 0.003)
-CONFIG = LocalizerConfig()
 CERTAIN = replace(CONFIG, face_fit=replace(CONFIG.face_fit, max_doubt=4.0))
 """The first fit of a pallet leaves no doubt."""
 NEVER_CERTAIN = replace(
-    CONFIG,
-    face_fit=replace(CONFIG.face_fit, max_doubt=-0.5),
-    verification=replace(CONFIG.verification, certain=2.0),
+    CONFIG, face_fit=replace(CONFIG.face_fit, max_doubt=-0.5), verification=replace(CONFIG.verification, certain=2.0)
 )
 """Every start is tried."""
 LEFT, RIGHT = LevelPose(0.2, 2.0, 0.0, np.pi / 2 + 0.02), LevelPose(1.7, 2.02, 0.0, np.pi / 2 - 0.015)
 CENTER = (0.9, -0.4, 1.6)
 Starts = list[tuple[LevelPose, FacePatch]]
-Outcome = Fit | Refusal
 
 
 @pytest.fixture(scope="module")
@@ -83,12 +74,6 @@ def tried(
         return as_found(pose)
 
     return called, kept(shot, model, poses, weak, height, config, prepare)
-
-
-def fit_of(outcome: Outcome) -> Fit:
-    """Return what was measured, whether it was given up or not."""
-    assert outcome.fit is not None
-    return outcome.fit
 
 
 def near(outcome: Outcome, truth: LevelPose) -> bool:

@@ -12,14 +12,8 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palletloc.errors import PalletLocError
-from palletloc.pallet import Opening, PalletModel
-from palletloc.pallet_library import (
-    find_models,
-    format_pallets,
-    load_library,
-    read_pallets,
-)
+from palletloc import Opening, PalletLocError, PalletModel, find_models, load_library
+from palletloc.pallet_library import format_pallets, read_pallets
 
 ROOT = Path(__file__).resolve().parents[2]
 SHARED = ROOT.parent / "shared/data"
@@ -119,8 +113,8 @@ def test_the_two_faces_of_a_pallet_fit_together() -> None:
             faces.setdefault(name.rpartition("-")[0], []).append(model)
     pairs = [pair for pair in faces.values() if len(pair) == 2]
     assert len(pairs) >= 5
-    for one, other in pairs:
-        assert (one.width, one.depth, one.height) == (other.depth, other.width, other.height)
+    for face, other in pairs:
+        assert (face.width, face.depth, face.height) == (other.depth, other.width, other.height)
 
 
 def test_the_page_lists_every_model_with_its_status() -> None:

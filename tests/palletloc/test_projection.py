@@ -1,17 +1,17 @@
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from palletloc import LevelPose
 from palletloc.cameras import CameraModel, Equirectangular, KannalaBrandt, Pinhole
-from palletloc.geometry import FloatArray, Image, LevelPose
+from palletloc.geometry import FloatArray, Image
 from palletloc.plane import PALLET_FROM_HORIZONTAL, PALLET_FROM_VERTICAL, PlaneGrid, place_plane
 from palletloc.projection import MAX_ERROR_PX, Interpolation, Projector, coarse_table, pixel_sizes
 from palletloc.remap_table import RemapTable, exact_map
+from tests.palletloc.poses import Mounted
 
 CAMERA = Equirectangular(960, 480)
 GRID = PlaneGrid.spanning(-0.6, 0.6, 0.0, 0.3, resolution=0.01)
@@ -148,7 +148,6 @@ def test_refuses_an_image_that_is_not_the_cameras(wrong: Image) -> None:
 
 # Coarse tables.
 
-Mounted = Callable[..., RigidTransform]
 SHELF = PlaneGrid.spanning(-2.0, 4.0, -0.3, 0.9, 0.012)
 
 
@@ -241,10 +240,7 @@ def brute_force(camera: CameraModel, camera_from_plane: RigidTransform) -> Float
 @pytest.mark.parametrize("camera", LENSES.values(), ids=LENSES)
 @pytest.mark.parametrize(
     "camera_from_plane",
-    [
-        placed(2.5, 0.2, -0.3, 0.3, PALLET_FROM_VERTICAL),
-        placed(2.5, -0.2, -0.9, -0.2, PALLET_FROM_HORIZONTAL),
-    ],
+    [placed(2.5, 0.2, -0.3, 0.3, PALLET_FROM_VERTICAL), placed(2.5, -0.2, -0.9, -0.2, PALLET_FROM_HORIZONTAL)],
     ids=["vertical", "horizontal"],
 )
 def test_a_pixel_is_as_large_as_moving_points_say(camera: CameraModel, camera_from_plane: RigidTransform) -> None:

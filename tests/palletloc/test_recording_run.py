@@ -7,10 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palletloc.candidate import Candidate, Fit, Refusal
-from palletloc.choices import Method
-from palletloc.config import LocalizerConfig
-from palletloc.geometry import LevelPose
+from palletloc import Candidate, Explanation, Fit, LevelPose, Localizer, LocalizerConfig, Method, Refusal, Shot
 from palletloc.io.atomic import OutputError
 from palletloc.io.csv_table import TableError
 from palletloc.io.images import ImageError
@@ -18,11 +15,9 @@ from palletloc.io.measurements import NoPose
 from palletloc.io.recording import ShotError
 from palletloc.io.run_folder import Run, RunFolder
 from palletloc.io.yaml_document import DocumentError
-from palletloc.localizer import Explanation, Localizer
 from palletloc.measurement import PalletMeasurement, Reason, Stage, YawSource
 from palletloc.prior import PriorConfig
 from palletloc.recording_run import Job, ShotOutcome, read_job, work_through
-from palletloc.shot import Shot
 
 RUN = Run(recording="0", method="m", configuration="c", starts="")
 PRIOR = PriorConfig(drift_rate_deg_s=0.5, max_drift_deg=0.8)
@@ -116,14 +111,8 @@ def test_given_starts_need_no_odometry_at_their_shots(blank_recording: Path) -> 
 @pytest.mark.parametrize(
     ("row", "said"),
     [
-        (
-            "0.5,t1,3,2,0,1.5",
-            "line 3: model: the recording's pallets do not include 't1'; did you mean 't11'?",
-        ),
-        (
-            "0.5,epal1-800,3,2,0,1",
-            "line 3: model: the recording's pallets do not include 'epal1-800'; known are",
-        ),
+        ("0.5,t1,3,2,0,1.5", "line 3: model: the recording's pallets do not include 't1'; did you mean 't11'?"),
+        ("0.5,epal1-800,3,2,0,1", "line 3: model: the recording's pallets do not include 'epal1-800'; known are"),
         ("0.6,t11,3,2,0,1.5", "line 3: time_s: no shot at 0.6 s; the nearest is at 0.5 s"),
         ("0.5,t11,3,nan,0,1.5", "line 3: y_m: expected a finite number, got 'nan'"),
     ],
@@ -144,10 +133,10 @@ def test_a_shelf_that_is_not_before_the_camera_ends_the_job(blank_recording: Pat
 
 def test_every_shot_is_worked_on_and_kept(blank_recording: Path, tmp_path: Path) -> None:
     done = worked(read_job(blank_recording), tmp_path / "out")
-    assert [(one.number, one.shot.file, one.problem) for one in done] == [
+    assert [(outcome.number, outcome.shot.file, outcome.problem) for outcome in done] == [
         (number, f"images/{number}.png", "") for number in range(4)
     ]
-    assert all(one.duration > 0 for one in done)
+    assert all(outcome.duration > 0 for outcome in done)
 
 
 @pytest.mark.parametrize("numbers", [(0,), (2,), (0, 1), (0, 1, 3)])
@@ -156,7 +145,7 @@ def test_a_shot_that_cannot_be_read_is_passed_over(
 ) -> None:
     damage(blank_recording, *numbers)
     outcomes = worked(read_job(blank_recording), tmp_path / "out")
-    assert [one.number for one in outcomes] == [0, 1, 2, 3]
+    assert [outcome.number for outcome in outcomes] == [0, 1, 2, 3]
     assert tuple(problems(outcomes)) == numbers
     for number, problem in problems(outcomes).items():
         assert problem.startswith(f"{blank_recording / 'images' / f'{number}.png'}: is not a JPEG or PNG")

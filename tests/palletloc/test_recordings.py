@@ -1,20 +1,22 @@
-"""What the method must reach on photo-real recordings with exact truth, which lie beside the repository."""
+"""What the method reaches on recordings with exact truth, and whether its covariances tell the truth."""
 
 from __future__ import annotations
 
 import csv
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from palletloc.geometry import FloatArray, LevelPose, level_pose
-from palletloc.io.recording import Recording
-from palletloc.measurement import PalletMeasurement
+from palletloc import LevelPose, Localizer, PalletMeasurement, PalletModel, Recording, Start
+from palletloc.geometry import FloatArray, level_pose
 from palletloc.recording_run import Job, read_job
+from palletloc.synthetic.aisle import misshapen
+from palletloc.synthetic.rig import disturbed
+from tests.palletloc.poses import Portrait
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data"
 MAX_RANGE = 4.5
@@ -191,3 +193,61 @@ def test_pallets_at_the_cameras_height_and_above_are_found(name: str, step: int)
     result = outcome(name, step)
     wanted = result.wanted(well_below=False)
     assert len(result.found(well_below=False)) >= 0.9 * len(wanted)
+
+
+# Errors over many pictures, with pallets and mountings that are a little off.
+
+COUNT = 45
+FLOOR, LEVEL, ABOVE = 0.0, 1.7, 2.9
+
+
+def squared_errors(
+    z: float, known: bool, portrait: Portrait, models: tuple[PalletModel, ...]
+) -> tuple[FloatArray, FloatArray]:
+    """Return the normalised estimation error squared of each measurement, and the errors themselves."""
+    rng = np.random.default_rng(1)
+    squared, errors = [], []
+    for number in range(COUNT):
+        model = models[number % len(models)]
+        x, y = rng.uniform([-0.6, 1.7], [2.2, 2.4])
+        pose = LevelPose(float(x), float(y), z, np.pi / 2 + 0.03 * float(rng.standard_normal()))
+        shot = portrait(misshapen(model, 1.0, rng), pose, seed=number)
+        recorded = disturbed(shot.mounting.forklift_from_camera, 0.001, 0.0003, rng)
+        mounting = replace(shot.mounting, forklift_from_camera=recorded)
+        start = LevelPose(*(pose.as_array() + rng.normal(0.0, [0.02, 0.02, 0.0, 0.02])).tolist())
+        levels = (z,) if known else ()
+        assumed = replace(shot, mounting=mounting)
+        found = Localizer([model]).localize_from(assumed, [Start(model.name, start)], levels)[0]
+        if found is not None:
+            error = found.forklift_from_pallet.minus(pose)
+            squared.append(float(error @ np.linalg.solve(found.covariance, error)))
+            errors.append(error)
+    return np.array(squared), np.array(errors)
+
+
+@pytest.mark.slow
+def test_on_the_floor_errors_are_as_large_as_the_covariances_say(
+    portrait: Portrait, models: tuple[PalletModel, ...]
+) -> None:
+    squared, errors = squared_errors(FLOOR, True, portrait, models)
+    assert len(squared) >= 40
+    assert 0.7 < squared.mean() < 10.0
+    assert 0.7 < np.median(squared) < 8.0
+    assert np.percentile(np.abs(errors[:, :3]), 95) < 0.02
+    assert np.percentile(np.abs(errors[:, 3]), 95) < np.radians(0.6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("z", "known", "measured", "off"),
+    [(LEVEL, True, 0.4, 0.1), (ABOVE, True, 0.9, 0.1), (FLOOR, False, 0.9, 0.2), (ABOVE, False, 0.9, 0.2)],
+)
+def test_near_and_above_the_camera_and_without_a_known_height_most_errors_are_as_large_as_the_covariances_say(
+    z: float, known: bool, measured: float, off: float, portrait: Portrait, models: tuple[PalletModel, ...]
+) -> None:
+    squared, _ = squared_errors(z, known, portrait, models)
+    assert len(squared) >= measured * COUNT  # level with the camera, many poses are too uncertain to be reported
+    assert 0.7 < np.median(squared) < 10.0
+    assert (
+        np.mean(squared > 40.0) < off
+    )  # of free height, every edge fits along the ray: some settle in a wrong place

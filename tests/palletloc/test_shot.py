@@ -1,24 +1,37 @@
-"""Shots: where the camera is against a face, views of its planes through any camera, and their exposure."""
+"""Shots, candidates and what is measured are values; views of a shot, and its exposure."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import FrozenInstanceError, fields, is_dataclass, replace
+from enum import StrEnum
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
+from palletloc import (
+    Candidate,
+    Explanation,
+    Fit,
+    LevelPose,
+    Localizer,
+    Mounting,
+    PalletModel,
+    Refusal,
+    RefusedCandidate,
+    ShelfPlane,
+    Shot,
+)
 from palletloc.cameras import CameraModel, DualFisheye, Equirectangular, FisheyeLens, KannalaBrandt, Pinhole
-from palletloc.geometry import LevelPose
-from palletloc.localizer import Localizer
-from palletloc.measurement import Reason
-from palletloc.mounting import Mounting
-from palletloc.pallet import PalletModel
+from palletloc.candidate import last_step, steps_of
+from palletloc.measurement import Reason, Stage, YawSource
 from palletloc.plane import PALLET_FROM_HORIZONTAL, PALLET_FROM_VERTICAL, PlaneGrid
 from palletloc.projection import Projector
-from palletloc.shelf import ShelfPlane
-from palletloc.shot import BRIGHT, MIN_DISTANCE, MOST_GAIN, Shot, out_of_sight, points_about, shelf_points
+from palletloc.shot import BRIGHT, MIN_DISTANCE, MOST_GAIN, out_of_sight, points_about, shelf_points
+from palletloc.verification import Evidence
+from tests.palletloc.poses import Placed
 
 SHELF = ShelfPlane(1.3, 2.02, -np.pi / 2 + 0.01, (0.0,))
 POSE = LevelPose(0.9, 2.0, 0.3, np.pi / 2 + 0.02)
@@ -33,7 +46,6 @@ CAMERAS: dict[str, CameraModel] = {
         FisheyeLens(replace(LENS, width=640, cx=479.5), LevelPose(-0.01, 0.0, 0.0, np.pi).transform()),
     ),
 }
-Placed = tuple[PalletModel, LevelPose]
 
 
 @pytest.fixture(params=CAMERAS)
@@ -182,3 +194,82 @@ def test_pallets_are_found_in_the_dark(
         assert row.model == model.name
         assert error[:3].max() < 0.02
         assert error[3] < np.radians(0.6)
+
+
+# Candidates, fits and refusals.
+
+START, FITTED = LevelPose(1.0, 2.0, 0.0, 1.5), LevelPose(1.02, 2.03, 0.01, 1.52)
+EVIDENCE = Evidence(4.0, 0.5, 0.4, 2.0)
+
+
+@pytest.fixture
+def fit(epal: PalletModel) -> Fit:
+    return Fit(
+        Candidate(epal, START, None, 0.7), FITTED, np.eye(4), YawSource.TOP, steps=("a view", 1, "another view")
+    )
+
+
+@pytest.fixture
+def taken() -> Shot:
+    mounting = Mounting(LevelPose(0.3, 0.0, 0.0, 0.0).transform())
+    return Shot(np.zeros((32, 64), np.uint8), Equirectangular(64, 32), mounting, 2.5, "a.png")
+
+
+def test_nothing_can_be_written_into_a_shot_or_into_what_is_found_in_it(fit: Fit, taken: Shot) -> None:
+    refusal = Refusal(fit.candidate, Stage.VERIFICATION, Reason.FEW_EDGES, fit)
+    for value in (taken, fit.candidate, fit, refusal, EVIDENCE, Explanation(taken, (), (), (fit, refusal))):
+        assert is_dataclass(value)
+        for field in fields(value):
+            with pytest.raises(FrozenInstanceError):
+                setattr(value, field.name, None)
+        assert not hasattr(value, "__dict__")  # nothing can be added, either
+
+
+def test_its_rank_is_its_score_before_the_checks_and_what_they_say_after_them(fit: Fit) -> None:
+    assert fit.rank == fit.candidate.score == 0.7
+    checked = replace(fit, evidence=EVIDENCE)
+    assert checked.rank == EVIDENCE.probability != 0.7
+    before, after = (Refusal(fit.candidate, Stage.POSITION, Reason.NO_PEAK, each) for each in (None, checked))
+    assert (before.rank, after.rank) == (0.7, EVIDENCE.probability)
+
+
+def test_what_was_not_measured_or_checked_explains_nothing(fit: Fit) -> None:
+    unseen = Refusal(fit.candidate, Stage.SEARCH, Reason.NO_PEAK)
+    for outcome in (fit, replace(fit, evidence=EVIDENCE), unseen):
+        assert outcome.likelihood == -math.inf
+
+
+def test_a_fit_and_a_refusal_give_what_was_measured_alike(fit: Fit) -> None:
+    assert fit.fit is fit
+    assert Refusal(fit.candidate, Stage.VERIFICATION, Reason.OVERLAP, fit).fit is fit
+    assert Refusal(fit.candidate, Stage.YAW, Reason.NO_LINE).fit is None
+
+
+def test_steps_are_found_by_their_kind_in_their_order(fit: Fit) -> None:
+    for outcome in (fit, Refusal(fit.candidate, Stage.YAW, Reason.NO_LINE, None, fit.steps)):
+        assert steps_of(outcome, str) == ["a view", "another view"]
+        assert last_step(outcome, str) == "another view"
+        assert last_step(outcome, int) == 1
+        assert last_step(outcome, float) is None
+        assert steps_of(outcome, float) == []
+
+
+def test_a_shots_rows_are_its_fits_and_its_refusals_in_their_order(fit: Fit, taken: Shot) -> None:
+    refusal = Refusal(fit.candidate, Stage.YAW, Reason.NO_LINE, fit)
+    explained = Explanation(taken, (), (), (refusal, fit, refusal))
+    (row,) = explained.measurements
+    assert (row.time, row.model, row.file) == (2.5, "epal", "a.png")
+    assert (row.forklift_from_pallet, row.score, row.yaw_from) == (FITTED, 0.7, YawSource.TOP)
+    assert row.covariance is fit.covariance
+    assert explained.refusals == [RefusedCandidate(2.5, "epal", Stage.YAW, Reason.NO_LINE, "a.png")] * 2
+
+
+def test_the_sources_of_yaw_are_those_that_files_may_name() -> None:
+    assert {str(source) for source in YawSource} == {"bottom", "top", "opening_top", "opening_bottom", "face"}
+
+
+@pytest.mark.parametrize("codes", [Stage, Reason, YawSource])
+def test_codes_are_words_that_a_file_can_hold(codes: type[StrEnum]) -> None:
+    for code in codes:
+        assert str(code) == code.name.lower()
+        assert codes(str(code)) is code

@@ -8,19 +8,13 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pytest
 
-from palletloc.choices import CameraKind, Method
-from palletloc.geometry import LevelPose, wrap_angle
-from palletloc.localizer import Explanation, Localizer
-from palletloc.measurement import PalletMeasurement
+from palletloc import Explanation, LevelPose, Localizer, Method, PalletMeasurement, PalletModel, ShelfPlane, Shot
+from palletloc.choices import CameraKind
+from palletloc.geometry import wrap_angle
 from palletloc.methods import METHODS
-from palletloc.pallet import PalletModel
-from palletloc.shelf import ShelfPlane
-from palletloc.shot import Shot
 from palletloc.synthetic.rig import camera_of
-
-Placed = tuple[PalletModel, LevelPose]
-Scene = tuple[Shot, tuple[Placed, ...], ShelfPlane]
-Photograph = Callable[..., Shot]
+from tests.palletloc.bad_input.drawn import Scene
+from tests.palletloc.poses import Photograph, Placed
 
 RIGHT = -np.pi / 2
 """Heading into a shelf on the right."""

@@ -7,31 +7,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import Phase, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from palletloc import LevelPose, Localizer, PalletModel, ShelfPlane, Shot, Start
 from palletloc.cameras import CameraModel, KannalaBrandt, Pinhole
 from palletloc.choices import CameraKind
-from palletloc.geometry import FloatArray, Image, LevelPose
-from palletloc.localizer import Localizer, Start
-from palletloc.pallet import PalletModel
-from palletloc.shelf import ShelfPlane
-from palletloc.shot import Shot
+from palletloc.geometry import FloatArray, Image
 from palletloc.synthetic.rig import camera_of
+from tests.palletloc.bad_input.drawn import HEIGHTS, Check, Scene, Scenes, few
+from tests.palletloc.poses import Photograph, Placed
 
-Placed = tuple[PalletModel, LevelPose]
-Scene = tuple[Shot, tuple[Placed, ...], ShelfPlane]
-Scenes = Callable[[str], Scene]
-Photograph = Callable[..., Shot]
-Check = Callable[..., int]
-
-FEW = settings(max_examples=settings().max_examples * 5 // 100, phases=[Phase.generate])
-heights = pytest.mark.parametrize(
-    "known",
-    [True, pytest.param(True, marks=pytest.mark.slow), pytest.param(False, marks=pytest.mark.slow)],
-    ids=["level", "level-many", "free"],
-)
-"""Whether the levels are known; more examples are drawn with the slow tests."""
+FEW = few(5)
 SEAM = LevelPose(0.3, -0.08, 1.85, 0.0)
 """Where a camera of two lenses stands."""
 
@@ -88,7 +75,7 @@ def cut_by_border(scene: Scene, side: str, pallet: int, place: float, known: boo
     return measured(replace(shot, image=image, camera=camera), pallets, shelf, known)
 
 
-@heights
+@HEIGHTS
 @FEW
 @given(name=lenses, side=sides, pallet=which, place=places)
 def test_no_cut_by_the_border_gives_a_wrong_row(
@@ -116,7 +103,7 @@ def cut_by_lens(scene: Scene, pallet: int, place: float, black: bool, known: boo
     return measured(replace(shot, image=image, camera=smaller), pallets, shelf, known)
 
 
-@heights
+@HEIGHTS
 @FEW
 @given(pallet=which, place=places, black=st.booleans())
 def test_no_cut_by_the_limit_of_the_lens_gives_a_wrong_row(

@@ -10,14 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform
 
-from palletloc.cameras import CameraModel
+from palletloc import CameraModel, LevelPose, Mounting, PalletModel, Shot, load_library
 from palletloc.edge_fit import EdgeFit
 from palletloc.face import edge_shift, face_lines
-from palletloc.geometry import FloatArray, Image, LevelPose
+from palletloc.geometry import FloatArray, Image
 from palletloc.measurement import HeightPrior
-from palletloc.mounting import Mounting
-from palletloc.pallet import PalletModel
-from palletloc.pallet_library import load_library
 from palletloc.refinement import depth_edges
 from palletloc.refinement.depth_edges import (
     CREASE_SEEN,
@@ -32,9 +29,9 @@ from palletloc.refinement.depth_edges import (
 from palletloc.refinement.edges import MeasuredEdge, SeenFace
 from palletloc.refinement.face_fit import FaceEstimate, FaceFitConfig, FacePrior, fit_face
 from palletloc.refinement.normal_equations import FaceEquations
-from palletloc.shot import Shot
 from palletloc.synthetic.materials import WOODS
 from palletloc.synthetic.pallet_solid import PalletBody
+from tests.palletloc.poses import Portrait
 
 LIBRARY = load_library()
 FACES = ["epal1-1200", "epal1-800"]
@@ -211,7 +208,6 @@ RIDGE = np.array([0.002, 0.003, 0.006, -0.004, 0.005])
 SIGMA = np.full(5, 0.002)
 START = np.array([0.001, -0.002, 0.0, 0.003, 0.0])
 LEVEL = LevelPose(1.1, 1.9, 1.78, np.pi / 2 + 0.02)
-Portrait = Callable[..., Shot]
 
 
 def peaks_at(*places: FloatArray) -> DepthPeaks:

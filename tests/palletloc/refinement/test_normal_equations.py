@@ -1,27 +1,25 @@
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from palletloc import LevelPose, Mounting, PalletModel, load_library
 from palletloc.edge_fit import EdgeFit
 from palletloc.face import FaceEdge, edge_shift, face_lines
-from palletloc.geometry import FloatArray, LevelPose
-from palletloc.mounting import Mounting
-from palletloc.pallet import PalletModel
-from palletloc.pallet_library import load_library
+from palletloc.geometry import FloatArray
 from palletloc.plane import PALLET_FROM_VERTICAL
 from palletloc.refinement.depth_edges import DepthEdge, visible_depth_edges
 from palletloc.refinement.edges import MeasuredEdge, SeenFace
 from palletloc.refinement.normal_equations import DEPTH_ERROR, FaceEquations, FaceSolution, apparent_motion
+from tests.palletloc.poses import Mounted
 
 POSE = LevelPose(0.9, 2.0, 0.15, 1.7)
 STEP = 1e-5
 NONE = np.zeros(6)
-Mounted = Callable[..., RigidTransform]
 
 
 @pytest.fixture

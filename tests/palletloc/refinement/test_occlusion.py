@@ -10,12 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from palletloc import LevelPose, Mounting, Opening, PalletModel, Shot
 from palletloc.cameras import Pinhole
 from palletloc.edge_fit import EdgeFit, EdgePeaks
 from palletloc.face import EdgeKind, FaceEdge, face_lines
-from palletloc.geometry import FloatArray, Image, LevelPose
-from palletloc.mounting import Mounting
-from palletloc.pallet import Opening, PalletModel
+from palletloc.geometry import FloatArray, Image
 from palletloc.plane import PALLET_FROM_VERTICAL
 from palletloc.refinement.occlusion import (
     BINS,
@@ -30,7 +29,6 @@ from palletloc.refinement.occlusion import (
 )
 from palletloc.refinement.patch import FacePatch, view_patch
 from palletloc.refinement.profiles import FaceCuts, face_cuts
-from palletloc.shot import Shot
 
 OPENINGS = tuple(Opening(center, 0.022, 0.3825, 0.1) for center in (-0.26375, 0.26375))
 MODEL = PalletModel("two_openings", 1.2, 0.144, 0.8, OPENINGS)
@@ -241,9 +239,7 @@ stretches = st.lists(ends.map(lambda end: (float(end[0]), float(end[0] + end[1])
 
 
 @given(stretches, stretches)
-def test_joined_stretches_cover_the_same_once(
-    first: list[tuple[float, float]], second: list[tuple[float, float]]
-) -> None:
+def test_joined_stretches_cover_the_same_once(first: list[Stretch], second: list[Stretch]) -> None:
     found = joined(first, second)
     places = np.arange(0.25, 51.0, 0.5)
 

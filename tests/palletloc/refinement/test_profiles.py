@@ -9,20 +9,22 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from palletloc import Mounting, Opening, PalletModel, Shot
 from palletloc.cameras import CameraModel, DualFisheye, Equirectangular, FisheyeLens, KannalaBrandt, Pinhole
 from palletloc.face import face_lines
 from palletloc.geometry import BoolArray, FloatArray, Image
-from palletloc.mounting import Mounting
-from palletloc.pallet import Opening, PalletModel
-from palletloc.pallet_library import load_library
 from palletloc.plane import PALLET_FROM_VERTICAL
 from palletloc.projection import pixel_sizes
 from palletloc.refinement.profiles import FEWEST_CUTS, MOST_CUTS, FaceCuts, Profiles, cut_profiles, face_cuts
-from palletloc.shot import Shot
 
 BOX = PalletModel("box", 1.0, 0.4, 1.0, (Opening(-0.2, 0.1, 0.2, 0.2), Opening(0.2, 0.1, 0.2, 0.2)))
 REACH = 0.03
 Shoots = Callable[..., Image]
+
+
+@pytest.fixture
+def model(any_model: PalletModel) -> PalletModel:
+    return any_model
 
 
 def lens(cx: float) -> KannalaBrandt:
@@ -135,8 +137,8 @@ def test_the_negative_has_the_same_profiles(shoot_face: Shoots) -> None:
     camera, direction = VIEWS["fisheye"]
     plane = facing(direction)
     image = shoot_face(camera, plane, BOX)
-    one, other = (read(camera, picture, plane).profiles.gradient(1.0) for picture in (image, 255 - image))
-    np.testing.assert_allclose(one, other, atol=1e-3)
+    here, other = (read(camera, picture, plane).profiles.gradient(1.0) for picture in (image, 255 - image))
+    np.testing.assert_allclose(here, other, atol=1e-3)
 
 
 def test_a_shift_moves_the_cuts_with_it(shoot_face: Shoots) -> None:
@@ -198,15 +200,15 @@ def test_what_lies_on_one_stretch_of_a_line_does_not_reach_the_next(shoot_face: 
     plane = facing(direction)
     whole = shoot_face(camera, plane, BOX)
     half = shoot_face(camera, plane, replace(BOX, openings=BOX.openings[:1]))
-    one, other = (read(camera, image, plane) for image in (whole, half))
-    left = np.flatnonzero(one.cuts.points[:, 0] < -0.05)
-    mine = np.intersect1d(left, one.cuts.inner)
-    opened = [i for i, line in enumerate(one.cuts.lines) if line.kind.startswith("opening")]
-    mine = mine[np.isin(one.cuts.line[mine], opened)]
+    here, other = (read(camera, image, plane) for image in (whole, half))
+    left = np.flatnonzero(here.cuts.points[:, 0] < -0.05)
+    mine = np.intersect1d(left, here.cuts.inner)
+    opened = [i for i, line in enumerate(here.cuts.lines) if line.kind.startswith("opening")]
+    mine = mine[np.isin(here.cuts.line[mine], opened)]
     assert len(mine) > 20
-    np.testing.assert_allclose(one.profiles.gradient(1.0)[mine], other.profiles.gradient(1.0)[mine], atol=0.2)
-    right = np.intersect1d(np.flatnonzero(one.cuts.points[:, 0] > 0.05), one.cuts.inner)
-    assert np.abs(one.profiles.gradient(1.0)[right] - other.profiles.gradient(1.0)[right]).max() > 10.0
+    np.testing.assert_allclose(here.profiles.gradient(1.0)[mine], other.profiles.gradient(1.0)[mine], atol=0.2)
+    right = np.intersect1d(np.flatnonzero(here.cuts.points[:, 0] > 0.05), here.cuts.inner)
+    assert np.abs(here.profiles.gradient(1.0)[right] - other.profiles.gradient(1.0)[right]).max() > 10.0
 
 
 # Where to cut.
@@ -299,22 +301,6 @@ def test_without_the_lower_edge_all_else_stays(model: PalletModel) -> None:
     assert above.lines == tuple(line for line in whole.lines if line.kind != "bottom")
     kept = np.array([line.kind != "bottom" for line in whole.lines])[whole.line]
     np.testing.assert_array_equal(above.points, whole.points[kept])
-
-
-@pytest.mark.parametrize(
-    "law",
-    [
-        test_every_stretch_of_every_line_is_covered_evenly_from_end_to_end,
-        test_positions_count_from_the_middle_of_the_whole_line,
-        test_pads_never_count,
-        test_each_row_of_a_table_is_a_line_in_order_and_filled_up_at_its_end,
-        test_the_spacing_of_a_kind_is_the_mean_of_length_over_cuts_of_its_lines,
-        test_without_the_lower_edge_all_else_stays,
-    ],
-)
-def test_it_holds_for_every_pallet_of_the_library(law: Callable[[PalletModel], None]) -> None:
-    for each in load_library().values():
-        law(each)
 
 
 def test_what_is_shared_cannot_be_written(t11: PalletModel) -> None:

@@ -70,7 +70,12 @@ def huber_weights(residuals: FloatArray, sigma: FloatArray | float = 1.0, tuning
     >>> huber_weights(np.array([0.0, 1.5, 3.0])).tolist()
     [1.0, 1.0, 0.5]
     """
-    return np.asarray(1 / np.maximum(np.abs(residuals) / (tuning * sigma), 1.0))
+    return 1 / huber_divisors(residuals, sigma, tuning)
+
+
+def huber_divisors(residuals: FloatArray, sigma: FloatArray | float = 1.0, tuning: float = HUBER) -> FloatArray:
+    """Return the inverse of `huber_weights`: rows that are divided by its root are weighed without rounding twice."""
+    return np.asarray(np.maximum(np.abs(residuals) / (tuning * sigma), 1.0))
 
 
 def cauchy_weights(residuals: FloatArray, sigma: FloatArray | float = 1.0, tuning: float = CAUCHY) -> FloatArray:
@@ -95,7 +100,12 @@ def cauchy_weights(residuals: FloatArray, sigma: FloatArray | float = 1.0, tunin
     >>> cauchy_weights(np.array([0.0, 2.0, 6.0])).tolist()
     [1.0, 0.5, 0.1]
     """
-    return np.asarray(1 / (1 + (residuals / (tuning * sigma)) ** 2))
+    return 1 / cauchy_divisors(residuals, sigma, tuning)
+
+
+def cauchy_divisors(residuals: FloatArray, sigma: FloatArray | float = 1.0, tuning: float = CAUCHY) -> FloatArray:
+    """Return the inverse of `cauchy_weights`."""
+    return np.asarray(1 + (residuals / (tuning * sigma)) ** 2)
 
 
 def robust_sigma(residuals: FloatArray, least: float = 0.0) -> float:
@@ -179,7 +189,8 @@ def reweighted(
     residuals : callable
         Returns the residuals of unknowns, (n,).
     weigh : callable
-        Returns weights for residuals and their standard deviation, such as `tukey_weights`.
+        Returns weights for residuals and their standard deviation, such as `tukey_weights`; or divisors, if `fit`
+        takes them.
     spread : callable
         Returns the standard deviation of residuals, such as `robust_sigma`.
     start : (n,) array

@@ -148,11 +148,10 @@ def restored(memory: Memory, model: UpdateModel) -> Parts:
             for observation in _observations(measurements, model.config):
                 window.place(time, observation)
         held = [_ready(given, model.config) for given in memory.held]
+        window.run()
     except BadInputError as error:
         raise fault("", str(error)) from None
-    try:
-        window.run()
-    except (ArithmeticError, ValueError) as error:  # with numbers that are beyond all reason together
+    except (ArithmeticError, ValueError) as error:  # parameters or numbers that are beyond reason together
         raise fault("shots", f"their steps cannot be done again: {error}") from None
     log.numbering = TrackNumbers(dict(memory.numbers), memory.following)
     log.dispositions, log.statuses = dict(memory.dispositions), dict(memory.statuses)
@@ -225,8 +224,8 @@ def _check_belief(memory: Memory) -> None:
         _check_state(track.state, 1, f"tracks.{i}.state")
         if not _own_part_agrees(track.state, known[track.key]):
             raise fault(f"tracks.{i}.state", "expected what its group knows of the pallet")
-        if track.contradiction is not None:
-            _check_state(track.contradiction.state, 1, f"tracks.{i}.contradiction.state")
+        if track.rejected is not None:
+            _check_state(track.rejected.state, 1, f"tracks.{i}.rejected.state")
 
 
 def _check_times(memory: Memory) -> None:

@@ -12,11 +12,11 @@ from tracking.state import POSE, Gaussian, Key
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Contradiction:
+class RejectedSeries:
     """Measurements in a track's place that its gate rejected, fused with each other."""
 
     state: Gaussian
-    """What they say."""
+    """What is known of the pallet by them."""
     model: str
     """The pallet model that they name."""
     hits: int
@@ -45,8 +45,8 @@ class Track:
     """Normalised innovation squared of its last measurement; None where none followed the first."""
     ratios: tuple[float, ...] = ()
     """The last ones over their degrees of freedom, each times the factor that the covariance had."""
-    contradiction: Contradiction | None = None
-    """What contradicts it."""
+    rejected: RejectedSeries | None = None
+    """The last measurements in its place that its gate rejected, where they agree with each other."""
 
     @property
     def pose(self) -> LevelPose:
@@ -70,7 +70,7 @@ class Track:
             self.confirmed,
             self.nis,
             self.ratios,
-            self.contradiction,
+            self.rejected,
         )
 
     def status(self, time: float, config: LifeConfig) -> Status:

@@ -21,7 +21,7 @@ from tracking.gating import Association, chi_square_limit
 from tracking.motion import Motion
 from tracking.observation import ALL, Observation
 from tracking.state import POSE, Gaussian, Key, TrackGroup, regrouped
-from tracking.track import Contradiction, Track, floor_sigma
+from tracking.track import RejectedSeries, Track, floor_sigma
 
 _KEY = attrgetter("key")
 """By which tracks are put in order."""
@@ -184,10 +184,10 @@ def _predicted(before: Belief, motion: Motion, model: UpdateModel) -> tuple[list
     groups = model.filter.predict_groups(before.groups, motion)
     states = {key: state for group in groups for key, state in group.members.items()}
     tracks = [track.moved(states[track.key]) for track in before.tracks]
-    contradictions = {i: track.contradiction for i, track in enumerate(tracks) if track.contradiction is not None}
-    after = model.filter.predict([contradiction.state for contradiction in contradictions.values()], motion)
-    for (i, contradiction), state in zip(contradictions.items(), after, strict=True):
-        tracks[i] = replace(tracks[i], contradiction=replace(contradiction, state=state))
+    series = {i: track.rejected for i, track in enumerate(tracks) if track.rejected is not None}
+    after = model.filter.predict([rejected.state for rejected in series.values()], motion)
+    for (i, rejected), state in zip(series.items(), after, strict=True):
+        tracks[i] = replace(tracks[i], rejected=replace(rejected, state=state))
     return tracks, groups
 
 
@@ -279,25 +279,23 @@ def _contradicted(track: Track, observation: Observation, time: float, model: Up
     """
     if not observation.is_whole or track.seen == time:
         return track, False
-    contradiction, life = _contradiction(track.contradiction, observation, model), model.config.life
-    state, hits = contradiction.state, contradiction.hits
+    rejected, life = _extended(track.rejected, observation, model), model.config.life
+    state, hits = rejected.state, rejected.hits
     if hits < life.recovery_hits:
-        return replace(track, contradiction=contradiction), False
+        return replace(track, rejected=rejected), False
     confirmed = track.confirmed or hits >= life.confirm_hits
-    return Track(track.key, contradiction.model, state, time, hits, confirmed=confirmed), True
+    return Track(track.key, rejected.model, state, time, hits, confirmed=confirmed), True
 
 
-def _contradiction(
-    contradiction: Contradiction | None, observation: Observation, model: UpdateModel
-) -> Contradiction:
-    """Return a contradiction after one more rejected measurement, or a new one where that does not agree with it."""
+def _extended(rejected: RejectedSeries | None, observation: Observation, model: UpdateModel) -> RejectedSeries:
+    """Return a series after one more rejected measurement, or a new one where that does not agree with it."""
     group_filter = model.filter
-    if contradiction is not None and contradiction.model == observation.model:
+    if rejected is not None and rejected.model == observation.model:
         limit = chi_square_limit(model.config.gate.probability, len(ALL))
-        if group_filter.innovation(contradiction.state, observation).distance <= limit:
-            state = group_filter.update(contradiction.state, [(0, Association(observation))])
-            return Contradiction(state, contradiction.model, contradiction.hits + 1)
-    return Contradiction(group_filter.begin(observation), observation.model, 1)
+        if group_filter.innovation(rejected.state, observation).distance <= limit:
+            state = group_filter.update(rejected.state, [(0, Association(observation))])
+            return RejectedSeries(state, rejected.model, rejected.hits + 1)
+    return RejectedSeries(group_filter.begin(observation), observation.model, 1)
 
 
 def _exclusive(tracks: Sequence[Track], model: UpdateModel) -> tuple[list[Track], list[tuple[Key, str]]]:

@@ -115,7 +115,7 @@ def measure_turn(recording: Recording, on_progress: Callable[[str], None] = lamb
     shots = usable_shots(recording)
     if not shots:
         return MountingCheck(recording, (), (), None, np.zeros((2, 2)), 1.0, None, None)
-    spread = evenly_spread(len(shots), _MOST_SHOTS)
+    spread = [int(i) for i in evenly_spread(len(shots), _MOST_SHOTS)]
     on_progress("looking for upright edges")
     segments = [_segments(recording, shots[i]) for i in spread]
     plumb = vertical_tilt(segments)
@@ -130,7 +130,7 @@ def measure_turn(recording: Recording, on_progress: Callable[[str], None] = lamb
     on_progress("looking for lines on the floor")
     rest = {
         LEVELS: _level(segments, spread, survey, start),
-        FLOOR: _floor(survey, [int(i) for i in spread]),
+        FLOOR: _floor(survey, spread),
         PALLETS: None if estimate is None else estimate.tilt,
     }
     # These were measured after the upright edges had been made plumb: against the stated mounting that comes on top.
@@ -195,7 +195,7 @@ def _turned(forklift_from_camera: RigidTransform, turn: FloatArray) -> RigidTran
     return RigidTransform.from_components(forklift_from_camera.translation, rotation)
 
 
-def _level(segments: Sequence[Segments], spread: FloatArray, survey: ShelfSurvey, turn: FloatArray) -> Tilt | None:
+def _level(segments: Sequence[Segments], spread: Sequence[int], survey: ShelfSurvey, turn: FloatArray) -> Tilt | None:
     """Return what edges along the shelf say, whose heading the survey knows, once upright edges are plumb."""
     plane = survey.plane
     if plane is None:

@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 from calibration.shelf.gravity_lines import Tilt
 from palletloc.geometry import FloatArray
-from palletloc.robust import huber_weights, reweighted, robust_sigma
+from palletloc.robust import huber_divisors, reweighted, robust_sigma
 
 VERTICALS, LEVELS, FLOOR, PALLETS = "upright edges", "level edges", "floor lines", "pallets"
 """Names of the sources."""
@@ -140,15 +140,16 @@ def fit_with_prior(
         About them: the inverse of their covariance.
     """
 
-    def normal(weights: FloatArray, scatter: float) -> tuple[FloatArray, FloatArray]:
-        weighted = (design * (weights / sigma**2)[:, None]).T / scatter**2
+    def normal(divisors: FloatArray, scatter: float) -> tuple[FloatArray, FloatArray]:
+        row = 1 / sigma / np.sqrt(divisors)
+        weighted = (design * row[:, None] ** 2).T / scatter**2
         information = weighted @ design + prior
         return np.asarray(np.linalg.solve(information, weighted @ values), np.float64), information
 
     found = reweighted(
-        lambda weights, scatter: normal(weights, scatter)[0],
+        lambda divisors, scatter: normal(divisors, scatter)[0],
         lambda solution: (values - design @ solution) / sigma,
-        huber_weights,
+        huber_divisors,
         lambda off: robust_sigma(off, 1.0),
         np.ones(len(values)),
         _ROUNDS,

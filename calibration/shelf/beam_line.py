@@ -223,7 +223,7 @@ def _fitted(
         _ROUNDS,
     )
     # Shots share what is wrong with the beam and with the light on it: a quarter of them count.
-    normal = (design * found.weights[:, None]).T @ design
+    normal = (design * np.sqrt(found.weights)[:, None] ** 2).T @ design
     covariance = np.linalg.inv(normal) * found.sigma**2 * _SHARED
     reach = abs(search.distance / lever)
     bent = (search.distance**2 + lever**2) / abs(lever)

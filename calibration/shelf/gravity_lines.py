@@ -9,7 +9,7 @@ import numpy as np
 
 from calibration.shelf.line_segments import Segments
 from palletloc.geometry import BoolArray, FloatArray, wrap_angle
-from palletloc.robust import cauchy_weights, reweighted, robust_sigma
+from palletloc.robust import cauchy_divisors, reweighted, robust_sigma
 
 _NEAR = float(np.sin(np.radians(3.0)))
 """Edges that lean by less, as a sine, may be plumb: wrong mountings and leaning loads both stay below."""
@@ -101,19 +101,19 @@ def _robust(design: FloatArray, values: FloatArray, weight: FloatArray) -> tuple
     Cauchy's weights act on residuals, not on their squares: an edge that leans counts even less than by them.
     """
 
-    def fit(part: FloatArray, _: float) -> FloatArray:
-        now = weight * part
+    def fit(divisors: FloatArray, _: float) -> FloatArray:
+        now = weight / divisors
         return np.asarray(np.linalg.lstsq(design * now[:, None], values * now, rcond=None)[0], np.float64)
 
     found = reweighted(
         fit,
         lambda solution: (values - design @ solution) * weight,
-        cauchy_weights,
+        cauchy_divisors,
         lambda off: robust_sigma(off, _LEAST_SCATTER),
         np.ones(len(values)),
         _ROUNDS,
     )
-    return found.solution, found.sigma, weight * found.weights
+    return found.solution, found.sigma, weight / found.weights
 
 
 def _local_scatter(azimuth: FloatArray, errors: FloatArray) -> FloatArray:

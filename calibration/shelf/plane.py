@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from palletloc.geometry import FloatArray, wrap_angle
-from palletloc.robust import huber_weights
+from palletloc.robust import huber_divisors
 from palletloc.shelf import ShelfPlane
 
 CHANCE = 0.0027
@@ -214,11 +214,11 @@ def robust_plane(
     rounds : int
         How many steps are made, each with new weights.
     """
-    turn = 0.0
+    turn, weight = 0.0, 1 / sigma
     information = prior
     for _ in range(rounds):
         off, design = residuals(turn, distance)
-        root = np.sqrt(huber_weights(off, sigma, tuning)) / sigma
+        root = weight / np.sqrt(huber_divisors(off * weight, tuning=tuning))
         scaled = design * root[:, None]
         information = np.asarray(scaled.T @ scaled + prior)
         step = np.linalg.solve(information, -scaled.T @ (off * root) - prior @ np.array([turn, distance]))

@@ -20,7 +20,7 @@ from palletloc.synthetic.samples import Samples, lengths
 from palletloc.synthetic.scene import Box, Decal, Material
 
 _ROW_SHARE = 0.125
-"""Depth of a row of blocks where the model says none, in parts of the pallet's: 100 mm of 800 mm."""
+"""Depth of a row of blocks where the model has none, in parts of the pallet's: 100 mm of 800 mm."""
 _STRINGER = 0.07
 """Width below which what stands between openings is a stringer of the whole depth, in metres."""
 _BOARD = 0.024

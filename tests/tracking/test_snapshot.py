@@ -68,7 +68,7 @@ def test_a_rival_and_another_config_are_kept(make_site: SiteMaker) -> None:
     tracker = PalletTracker(config)
     for k in range(40):
         tracker.push([site.odometry(k / 5), site.measured(0, k / 5, (0.3 * (k > 20), 0.0, 0.0, 0.0))])
-    assert tracker._window.base.tracks[0].contradiction is not None
+    assert tracker._window.base.tracks[0].rejected is not None
     restored = again(tracker)
     assert restored.config == config
     for k in range(40, 55):
@@ -171,7 +171,7 @@ def test_a_damaged_snapshot_is_refused_in_one_line_or_does_no_harm(make_site: Si
     for given_input in inputs:
         tracker.push(given_input)
     snapshot = json.loads(json.dumps(tracker.snapshot()))
-    places = places_in(snapshot)
+    places = [place for place in places_in(snapshot) if place[0] != "config"]  # parameters may be any
     wrong: list[Any] = [None, True, -1, 0, 1e29, -1e29, math.nan, math.inf, 10**400, "1.0", [], {}, [[1.0]], KeyError]
     for at, value in zip(rng.integers(len(places), size=count), rng.integers(len(wrong), size=count), strict=True):
         place = places[at]

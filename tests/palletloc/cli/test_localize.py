@@ -105,7 +105,7 @@ def test_every_method_does_without_pallets(localize: Localize, status: Status, m
 def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a synthetic recording with its truth."""
     folder = tmp_path_factory.mktemp("simulated") / "approach"
-    aisle = AisleSpec(models=find_models(["t11-plastic"], {}), levels=(0.0,))
+    aisle = AisleSpec(find_models(["t11-plastic"], {}), levels=(0.0,), length=7.0, opposite=False, clutter=0)
     save_simulation(folder, simulate(SimulationSpec(aisle=aisle, width=1600, shots=2), seed=2))
     return folder
 

@@ -31,9 +31,7 @@ def test_the_benchmarks_run_and_print_json(options: list[str]) -> None:
 @pytest.mark.parametrize(
     ("part", "goals"), [("--tracking", [60.0, 60.0, 60.0, 3.0, 15.0, None]), ("--evaluation", [None, 0.6, None, 0.6])]
 )
-def test_the_cost_of_tracking_and_of_parallel_evaluation_is_printed_beside_its_goals(
-    part: str, goals: list[float | None]
-) -> None:
+def test_costs_of_tracking_and_evaluation_are_printed_beside_goals(part: str, goals: list[float | None]) -> None:
     if part == "--evaluation":
         pytest.importorskip("distributed")
     (section,) = json.loads(printed(part))

@@ -129,9 +129,7 @@ def test_bad_input_is_one_line_and_exit_code_1(commands: list[Command], capsys: 
     assert capsys.readouterr() == ("", "palletloc: shots.csv, line 3: 'time_s' is not a number\n")
 
 
-def test_a_file_that_cannot_be_read_is_one_line_that_names_it(
-    commands: list[Command], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_unreadable_file_is_named_in_one_line(commands: list[Command], capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["cannot-read"], commands) == 1
     assert capsys.readouterr().err == f"palletloc: {Path('no/such/file.csv')}: No such file or directory\n"
 
@@ -144,9 +142,7 @@ def test_verbose_adds_where_it_happened(
     assert [record.exc_info is not None for record in caplog.records] == [True]
 
 
-def test_an_interrupt_is_one_line_and_exit_code_130(
-    commands: list[Command], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_interrupt_is_one_line_and_code_130(commands: list[Command], capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["is-interrupted"], commands) == 130
     assert capsys.readouterr() == ("", "palletloc: interrupted\n")
 

@@ -31,7 +31,7 @@ from palletloc.synthetic.rays import CameraRays, camera_rays
 from palletloc.synthetic.rendering import lit, render
 from palletloc.synthetic.rig import Sensor, expose
 from palletloc.synthetic.scene import Light, Room, Scene, Solid
-from tests.palletloc.poses import POSE, Photograph, Placed, Portrait
+from tests.palletloc.poses import POSE, Pallets, Photograph, Portrait
 
 RECORDING = """\
 format: 1
@@ -170,11 +170,7 @@ def photograph() -> Callable[..., Shot]:
 
     @cache
     def taken(
-        pallets: tuple[Placed, ...],
-        camera: CameraModel,
-        mounting: tuple[float, ...],
-        loaded: bool = True,
-        seed: int = 0,
+        pallets: Pallets, camera: CameraModel, mounting: tuple[float, ...], loaded: bool = True, seed: int = 0
     ) -> Shot:
         solids = tuple(solid for model, pose in pallets for solid in _around(model, pose, loaded))
         if camera not in kept:
@@ -219,7 +215,7 @@ def cut_shot(
 
 
 @pytest.fixture(scope="session")
-def floor_pallets(open_below: PalletModel, t11: PalletModel) -> tuple[Placed, ...]:
+def floor_pallets(open_below: PalletModel, t11: PalletModel) -> Pallets:
     """Return two pallets on the floor to the left, each a little turned."""
     return (
         (open_below, LevelPose(0.6, 2.0, 0.0, INTO + np.radians(1.5))),
@@ -228,13 +224,13 @@ def floor_pallets(open_below: PalletModel, t11: PalletModel) -> tuple[Placed, ..
 
 
 @pytest.fixture(scope="session")
-def floor_shot(photograph: Photograph, floor_pallets: tuple[Placed, ...], whole_view: CameraModel) -> Shot:
+def floor_shot(photograph: Photograph, floor_pallets: Pallets, whole_view: CameraModel) -> Shot:
     """Return a 360-degree shot of the pallets on the floor."""
     return photograph(floor_pallets, whole_view, (0.3, -0.08, 1.85, -1.2, 0.9, -0.7))
 
 
 @pytest.fixture(scope="session")
-def floor_localizer(floor_pallets: tuple[Placed, ...]) -> Callable[..., Localizer]:
+def floor_localizer(floor_pallets: Pallets) -> Callable[..., Localizer]:
     """Return a function that makes a localizer for the pallets of `floor_shot`."""
 
     def made(
@@ -248,7 +244,7 @@ def floor_localizer(floor_pallets: tuple[Placed, ...]) -> Callable[..., Localize
 
 
 @pytest.fixture(scope="session")
-def rack_pallets(t11: PalletModel) -> tuple[Placed, ...]:
+def rack_pallets(t11: PalletModel) -> Pallets:
     """Return a pallet on the floor, one level with the camera of `rack_shot`, and one above it."""
     return (
         (t11, LevelPose(-0.4, 2.0, 0.0, INTO + np.radians(1.0))),
@@ -258,7 +254,7 @@ def rack_pallets(t11: PalletModel) -> tuple[Placed, ...]:
 
 
 @pytest.fixture(scope="session")
-def rack_shot(photograph: Photograph, rack_pallets: tuple[Placed, ...], whole_view: CameraModel) -> Shot:
+def rack_shot(photograph: Photograph, rack_pallets: Pallets, whole_view: CameraModel) -> Shot:
     """Return a 360-degree shot from a camera 1.3 m above the floor."""
     return photograph(rack_pallets, whole_view, (0.1, 0.0, 1.3, 0.5, -0.4, 0.6))
 

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from palletloc import Fit, LevelPose, Localizer, LocalizerConfig, PalletModel, Refusal, Shot
+from palletloc.geometry import Image
 from palletloc.measurement import HeightPrior
 from palletloc.plane import PlaneView
 
@@ -20,10 +21,14 @@ Portrait = Callable[..., Shot]
 Photograph = Callable[..., Shot]
 Mounted = Callable[..., RigidTransform]
 Draw = Callable[..., PlaneView]
+Shoots = Callable[..., Image]
+Paints = Callable[..., Image]
 Makes = Callable[..., Localizer]
 Outcome = Fit | Refusal
 Placed = tuple[PalletModel, LevelPose]
 """A pallet where it stands in the forklift frame."""
+Pallets = tuple[Placed, ...]
+Models = tuple[PalletModel, ...]
 
 
 def moved(

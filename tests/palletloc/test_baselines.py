@@ -17,7 +17,7 @@ from palletloc.paper.joint_search import JointSearch, JointSearchConfig
 from palletloc.paper.position import Sweep
 from palletloc.paper.yaw import YawEstimate
 from palletloc.rivals import Measure
-from tests.palletloc.poses import FLOOR, POSE, Placed, Portrait, blanked, fit_of, found
+from tests.palletloc.poses import FLOOR, POSE, Pallets, Portrait, blanked, fit_of, found
 
 CONFIG = replace(LocalizerConfig(), joint_search=JointSearchConfig(turns=9, depths=9))
 COARSE = pytest.mark.parametrize("measure", [measure_as_in_paper, measure_jointly], ids=["paper", "joint_search"])
@@ -51,7 +51,7 @@ def test_nothing_is_measured_in_a_plain_image(measure: Measure, portrait: Portra
 
 
 @pytest.mark.parametrize("height", [FLOOR, None], ids=["level", "free"])
-def test_a_pallet_on_the_floor_is_measured_as_well_as_its_covariance_says(
+def test_a_pose_on_the_floor_is_as_right_as_it_says(
     model: PalletModel, height: HeightPrior | None, portrait: Portrait
 ) -> None:
     start = LevelPose(POSE.x + 0.03, POSE.y + 0.02, 0.0, POSE.yaw - 0.03)
@@ -79,9 +79,7 @@ def test_every_step_leaves_its_result(portrait: Portrait, t11: PalletModel) -> N
 
 
 @pytest.mark.parametrize("max_doubt", [CONFIG.face_fit.max_doubt, -1e6], ids=["certain", "never_certain"])
-def test_the_last_horizontal_view_is_the_one_that_gave_the_yaw(
-    max_doubt: float, floor_shot: Shot, floor_pallets: tuple[Placed, ...]
-) -> None:
+def test_the_last_view_gave_the_yaw(max_doubt: float, floor_shot: Shot, floor_pallets: Pallets) -> None:
     config = replace(CONFIG, face_fit=replace(CONFIG.face_fit, max_doubt=max_doubt))
     for model, pose in floor_pallets:
         start = replace(pose, x=pose.x + 0.05)
@@ -98,9 +96,7 @@ def test_the_last_horizontal_view_is_the_one_that_gave_the_yaw(
 
 @pytest.mark.parametrize("turn_deg", [-4.0, -2.0, 2.0, 4.0])
 @pytest.mark.parametrize("slide", [-0.05, 0.05])
-def test_any_start_near_the_pallet_leads_to_the_same_pose(
-    turn_deg: float, slide: float, portrait: Portrait, t11: PalletModel
-) -> None:
+def test_near_starts_lead_to_one_pose(turn_deg: float, slide: float, portrait: Portrait, t11: PalletModel) -> None:
     shot = portrait(t11, POSE)
     x, y = np.array([POSE.x, POSE.y]) + slide * np.array([np.cos(POSE.yaw), np.sin(POSE.yaw)])
     start = LevelPose(float(x), float(y), 0.0, POSE.yaw + np.radians(turn_deg))
@@ -110,7 +106,7 @@ def test_any_start_near_the_pallet_leads_to_the_same_pose(
     assert abs(apart[3]) < np.radians(0.15)
 
 
-def test_the_height_chooses_where_the_yaw_comes_from(rack_shot: Shot, rack_pallets: tuple[Placed, ...]) -> None:
+def test_the_height_chooses_where_the_yaw_comes_from(rack_shot: Shot, rack_pallets: Pallets) -> None:
     expected = [YawSource.BOTTOM, YawSource.FACE, YawSource.TOP]
     sigmas = []
     for (model, pose), source in zip(rack_pallets, expected, strict=True):
@@ -149,9 +145,7 @@ def test_the_nearest_of_the_long_lines_is_taken() -> None:
 
 @COARSE
 @pytest.mark.parametrize("model", ["epal", "t11"], indirect=True)
-def test_a_pallet_is_measured_as_coarsely_as_the_method_can(
-    measure: Measure, model: PalletModel, portrait: Portrait
-) -> None:
+def test_it_measures_as_coarsely_as_the_method_can(measure: Measure, model: PalletModel, portrait: Portrait) -> None:
     shot = portrait(model, POSE)
     fit = found(measured(measure, shot, model, replace(POSE, yaw=POSE.yaw + np.radians(2.0))))
     assert np.hypot(fit.pose.x - POSE.x, fit.pose.y - POSE.y) < 0.08
@@ -166,9 +160,7 @@ def test_a_pallet_is_measured_as_coarsely_as_the_method_can(
     assert abs(axes[:, -1] @ ray) > 0.9 * np.linalg.norm(ray)
 
 
-def test_the_paper_has_no_answer_for_a_pallet_level_with_the_camera(
-    rack_shot: Shot, rack_pallets: tuple[Placed, ...]
-) -> None:
+def test_the_paper_has_no_answer_for_a_pallet_level_with_the_camera(rack_shot: Shot, rack_pallets: Pallets) -> None:
     model, level = rack_pallets[1]
     outcome = measured(measure_as_in_paper, rack_shot, model, level)
     assert isinstance(outcome, Refusal)

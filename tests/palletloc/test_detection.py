@@ -15,7 +15,7 @@ from palletloc.matching import FULL, EdgeEnergy, edge_energy
 from palletloc.plane import PlaneGrid, PlaneView
 from palletloc.shelf_view import DetectionConfig, ShelfPlaneError, ShelfView
 from palletloc.template import FacePlacement, TemplatePiece, WeightedSums, face_template, match_template
-from tests.palletloc.poses import Draw, Placed
+from tests.palletloc.poses import Draw, Pallets
 
 CONFIG = DetectionConfig()
 SHELF = ShelfPlane(1.3, 2.0, -np.pi / 2, (0.0,))
@@ -43,8 +43,8 @@ def hits(found: Sequence[Detection], model: PalletModel, truth: LevelPose) -> li
 @pytest.mark.parametrize(
     "off", [(0.0, 0.0), (0.08, 0.0), (-0.08, 0.0), (0.04, 1.5), (-0.04, -1.5)], ids=lambda off: f"{off}"
 )
-def test_pallets_are_found_with_the_plane_off_by_centimetres_and_a_degree(
-    off: tuple[float, float], floor_shot: Shot, floor_pallets: tuple[Placed, ...]
+def test_a_plane_may_be_off_by_centimetres_and_a_degree(
+    off: tuple[float, float], floor_shot: Shot, floor_pallets: Pallets
 ) -> None:
     shelf = replace(SHELF, y=SHELF.y + off[0], facing=SHELF.facing + np.radians(off[1]))
     found, views = detected(floor_shot, [model for model, _ in floor_pallets], shelf)
@@ -52,9 +52,7 @@ def test_pallets_are_found_with_the_plane_off_by_centimetres_and_a_degree(
     assert all(hits(found, model, pose) for model, pose in floor_pallets)
 
 
-def test_the_most_promising_detection_of_each_model_is_its_pallet(
-    floor_shot: Shot, floor_pallets: tuple[Placed, ...]
-) -> None:
+def test_the_most_promising_detection_of_each_model_is_its_pallet(floor_shot: Shot, floor_pallets: Pallets) -> None:
     for model, pose in floor_pallets:
         found, _ = detected(floor_shot, [model])
         assert hits(found, model, pose)[0] == 0
@@ -62,16 +60,14 @@ def test_the_most_promising_detection_of_each_model_is_its_pallet(
         assert promises == sorted(promises, reverse=True)
 
 
-def test_without_levels_the_whole_plane_is_searched(rack_shot: Shot, rack_pallets: tuple[Placed, ...]) -> None:
+def test_without_levels_the_whole_plane_is_searched(rack_shot: Shot, rack_pallets: Pallets) -> None:
     found, views = detected(rack_shot, [rack_pallets[0][0]], replace(SHELF, levels=()))
     assert len(views) == 1
     assert all(detection.level is None for detection in found)
     assert all(hits(found, model, pose) for model, pose in rack_pallets)
 
 
-def test_with_levels_each_band_is_searched_for_what_stands_there(
-    rack_shot: Shot, rack_pallets: tuple[Placed, ...]
-) -> None:
+def test_with_levels_each_band_is_searched_for_what_stands_there(rack_shot: Shot, rack_pallets: Pallets) -> None:
     levels = tuple(pose.z for _, pose in rack_pallets)
     found, views = detected(rack_shot, [rack_pallets[0][0]], replace(SHELF, levels=levels))
     assert len(views) == len(levels)
@@ -79,7 +75,7 @@ def test_with_levels_each_band_is_searched_for_what_stands_there(
     assert all(hits(found, model, pose) for model, pose in rack_pallets)
 
 
-def test_detections_of_a_model_on_a_level_stand_apart(floor_shot: Shot, floor_pallets: tuple[Placed, ...]) -> None:
+def test_detections_of_a_model_on_a_level_stand_apart(floor_shot: Shot, floor_pallets: Pallets) -> None:
     models = [model for model, _ in floor_pallets]
     found, _ = detected(floor_shot, models)
     for model in models:
@@ -90,12 +86,12 @@ def test_detections_of_a_model_on_a_level_stand_apart(floor_shot: Shot, floor_pa
                 assert np.hypot(place.x - other.x, place.y - other.y) >= 0.9 * CONFIG.min_depth_spacing
 
 
-def test_the_same_shot_gives_the_same_detections(floor_shot: Shot, floor_pallets: tuple[Placed, ...]) -> None:
+def test_the_same_shot_gives_the_same_detections(floor_shot: Shot, floor_pallets: Pallets) -> None:
     models = [model for model, _ in floor_pallets]
     assert detected(floor_shot, models)[0] == detected(floor_shot, models)[0]
 
 
-def test_the_mirrored_shelf_gives_mirrored_detections(floor_shot: Shot, floor_pallets: tuple[Placed, ...]) -> None:
+def test_the_mirrored_shelf_gives_mirrored_detections(floor_shot: Shot, floor_pallets: Pallets) -> None:
     mirror = np.diag([1.0, -1.0, 1.0, 1.0])
     matrix = mirror @ floor_shot.mounting.forklift_from_camera.as_matrix() @ mirror
     mounting = Mounting(RigidTransform.from_matrix(matrix))
@@ -118,9 +114,7 @@ def test_a_shelf_out_of_range_or_behind_has_nothing(floor_shot: Shot, epal: Pall
         assert all(detection.score < 0.6 for detection in found)
 
 
-def test_a_level_too_high_to_be_seen_does_not_keep_the_others_from_being_searched(
-    floor_shot: Shot, floor_pallets: tuple[Placed, ...]
-) -> None:
+def test_a_level_out_of_sight_keeps_no_other_from_being_searched(floor_shot: Shot, floor_pallets: Pallets) -> None:
     found, _ = detected(floor_shot, [model for model, _ in floor_pallets], replace(SHELF, levels=(0.0, 1.5, 9.0)))
     assert all(hits(found, model, pose) for model, pose in floor_pallets)
     assert all(detection.level != 9.0 for detection in found)
@@ -131,9 +125,7 @@ def test_a_plane_behind_the_camera_is_refused(floor_shot: Shot, epal: PalletMode
         detected(floor_shot, [epal], replace(SHELF, facing=np.pi / 2))
 
 
-def test_the_yaws_that_may_be_surround_the_shelf_s_and_every_pallet_s(
-    floor_shot: Shot, floor_pallets: tuple[Placed, ...]
-) -> None:
+def test_yaws_that_may_be_surround_the_shelfs_and_every_pallets(floor_shot: Shot, floor_pallets: Pallets) -> None:
     for off in (-1.5, 0.0, 1.5):
         shelf = replace(SHELF, facing=SHELF.facing + np.radians(off))
         found, _ = detected(floor_shot, [model for model, _ in floor_pallets], shelf)
@@ -208,7 +200,7 @@ def test_a_face_is_found_where_it_is_drawn(place: tuple[float, float], epal: Pal
 
 @pytest.mark.parametrize("scale", [0.9, 0.96, 1.05, 1.1])
 @pytest.mark.parametrize("camera", [CAMERA, np.array([0.9, -1.2, 1.8])])
-def test_on_one_view_a_face_at_another_distance_is_found_at_its_scale(
+def test_a_face_at_another_distance_is_found_at_its_scale(
     scale: float, camera: FloatArray, epal: PalletModel, draw_face: Draw
 ) -> None:
     view = draw_face(epal, GRID, camera, (0.1, 0.02), scale)

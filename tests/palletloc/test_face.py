@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -11,12 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palletloc import Fit, LevelPose, Localizer, Opening, PalletModel, ShelfPlane, Shot, Start
+from palletloc import Fit, LevelPose, Opening, PalletModel, ShelfPlane, Shot, Start
 from palletloc.edge_fit import EdgeFit
 from palletloc.explained import EdgeFate, SearchAxes, account_edges, edge_name, name_candidates
 from palletloc.face import EdgeKind, EdgeShift, FaceEdge, edge_shift, face_edges, face_lines, visible_lines
 from palletloc.refinement.edges import MeasuredEdge, SeenFace
-from tests.palletloc.poses import Placed
+from tests.palletloc.poses import Makes, Pallets
 
 NEAR = 1e-4
 
@@ -289,9 +288,7 @@ def test_turns_and_factors_become_yaws_and_distances() -> None:
     assert AXES.ranges(np.array([0.9, 1.2])) == pytest.approx([2.25, 3.0])
 
 
-def test_pallets_are_named_from_left_to_right(
-    floor_localizer: Callable[..., Localizer], floor_shot: Shot, floor_pallets: tuple[Placed, ...]
-) -> None:
+def test_names_run_from_left_to_right(floor_localizer: Makes, floor_shot: Shot, floor_pallets: Pallets) -> None:
     # the shelf is to the left: what is nearer ahead is farther to the right
     (left, _), (right, _) = sorted(floor_pallets, key=lambda placed: placed[1].x)
     starts = [Start(model.name, pose) for model, pose in reversed(floor_pallets)]
@@ -300,9 +297,7 @@ def test_pallets_are_named_from_left_to_right(
     assert (named["P1"].candidate.model.name, named["P2"].candidate.model.name) == (left.name, right.name)
 
 
-def test_what_was_given_up_has_names_of_its_own(
-    floor_localizer: Callable[..., Localizer], floor_shot: Shot, t11: PalletModel
-) -> None:
+def test_what_was_given_up_has_own_names(floor_localizer: Makes, floor_shot: Shot, t11: PalletModel) -> None:
     shelf = ShelfPlane(1.0, 2.0, np.radians(-90.0), (0.0,))
     explained = floor_localizer(models=[t11]).explain(floor_shot, shelf)
     named = name_candidates(explained)

@@ -16,7 +16,7 @@ from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
 from palletloc.refinement.face_fit import FaceEstimate, fit_face
 from palletloc.refinement.level_lines import LevelYaw
 from palletloc.refinement.patch import FacePatch, view_patch
-from tests.palletloc.poses import CONFIG, FLOOR, Outcome, fit_of
+from tests.palletloc.poses import CONFIG, FLOOR, Outcome, Photograph, fit_of
 
 CERTAIN = replace(CONFIG, face_fit=replace(CONFIG.face_fit, max_doubt=4.0))
 """The first fit of a pallet leaves no doubt."""
@@ -30,7 +30,7 @@ Starts = list[tuple[LevelPose, FacePatch]]
 
 
 @pytest.fixture(scope="module")
-def pair(photograph: Callable[..., Shot], t11: PalletModel) -> Shot:
+def pair(photograph: Photograph, t11: PalletModel) -> Shot:
     """Return a picture of two pallets that are alike, side by side."""
     camera = Pinhole(1400, 420, 860.0, 860.0, 699.5, 209.5)
     return photograph(((t11, LEFT), (t11, RIGHT)), camera, (*CENTER, 90.0, 31.5, 0.5))
@@ -218,9 +218,7 @@ def test_a_pallet_off_its_level_is_refused(off: float, pair: Shot, t11: PalletMo
 
 
 @pytest.mark.parametrize("off", [-0.04, -0.03, -0.02, 0.02, 0.03, 0.04])
-def test_a_pallet_a_little_off_its_level_is_nearly_right_or_says_how_wrong_it_is(
-    off: float, pair: Shot, t11: PalletModel
-) -> None:
+def test_a_bit_off_its_level_a_pose_is_nearly_right_or_says_so(off: float, pair: Shot, t11: PalletModel) -> None:
     found = kept(pair, t11, [LEFT], height=HeightPrior(off, 0.003))
     if isinstance(found, Fit):
         error = found.pose.minus(LEFT)

@@ -70,9 +70,7 @@ def test_lines_that_agree_change_nothing(turn_deg: float, sigma_deg: float, veri
 
 
 @pytest.mark.parametrize(("turn_deg", "sigma_deg"), [(0.3, 0.1), (-0.3, 0.1), (0.7, 0.05), (-0.7, 0.2)])
-def test_lines_that_disagree_make_the_yaw_as_uncertain_as_they_are_apart(
-    turn_deg: float, sigma_deg: float, verified: Verified
-) -> None:
+def test_the_yaw_is_as_uncertain_as_lines_are_apart(turn_deg: float, sigma_deg: float, verified: Verified) -> None:
     more = grown(verified(turn_deg, sigma_deg))
     assert np.sqrt(more[3, 3]) == pytest.approx(np.radians(abs(turn_deg)), rel=1e-6)
     assert np.linalg.eigvalsh(more).min() > -1e-12

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -24,13 +24,14 @@ from palletloc.geometry import Image, level_pose
 from palletloc.measurement import Reason, Stage, YawSource
 from palletloc.paper.joint_search import JointSearchConfig
 from palletloc.shelf_view import ShelfPlaneError
-from tests.palletloc.poses import Makes, Placed, slid
+from tests.palletloc.poses import Makes, Pallets, Portrait, slid
 
 SHELF = ShelfPlane(1.3, 2.02, -np.pi / 2 + 0.01, (0.0,))
+Rows = list[PalletMeasurement]
 
 
 @pytest.fixture(scope="module")
-def straight(floor_localizer: Makes, floor_shot: Shot) -> list[PalletMeasurement]:
+def straight(floor_localizer: Makes, floor_shot: Shot) -> Rows:
     """Return what the shot of the floor gives."""
     return floor_localizer().localize(replace(floor_shot, time=1.5, file="a.jpg"), SHELF)
 
@@ -59,9 +60,7 @@ def same_poses(found: Sequence[PalletMeasurement], expected: Sequence[PalletMeas
         assert difference[3] < np.radians(1.0)
 
 
-def test_every_pallet_is_found_once_with_its_model_where_it_is(
-    straight: list[PalletMeasurement], floor_pallets: tuple[Placed, ...]
-) -> None:
+def test_every_pallet_is_found_once_with_its_model_where_it_is(straight: Rows, floor_pallets: Pallets) -> None:
     assert len(straight) == len(floor_pallets)
     for row, (model, pose) in zip(by_place(straight), floor_pallets, strict=True):
         assert (row.time, row.file, row.model) == (1.5, "a.jpg", model.name)
@@ -73,7 +72,7 @@ def test_every_pallet_is_found_once_with_its_model_where_it_is(
 
 
 def test_without_levels_pallets_are_found_where_their_uprights_confirm_the_range(
-    floor_localizer: Makes, floor_shot: Shot, floor_pallets: tuple[Placed, ...]
+    floor_localizer: Makes, floor_shot: Shot, floor_pallets: Pallets
 ) -> None:
     explained = floor_localizer().explain(floor_shot, replace(SHELF, levels=()))
     (plain, pose), (rounded, _) = floor_pallets
@@ -86,9 +85,7 @@ def test_without_levels_pallets_are_found_where_their_uprights_confirm_the_range
     assert any(row.model == rounded.name and row.reason is uncertain for row in explained.refusals)
 
 
-def test_localize_returns_what_explain_explains(
-    floor_localizer: Makes, floor_shot: Shot, straight: list[PalletMeasurement]
-) -> None:
+def test_localize_returns_what_explain_explains(floor_localizer: Makes, floor_shot: Shot, straight: Rows) -> None:
     explained = floor_localizer().explain(replace(floor_shot, time=1.5, file="a.jpg"), SHELF)
     assert values(straight) == values(explained.measurements)
     assert len(explained.detections) == len(explained.outcomes)
@@ -97,7 +94,7 @@ def test_localize_returns_what_explain_explains(
 
 
 def test_the_same_shot_gives_the_same_result_whatever_came_before(
-    floor_localizer: Makes, floor_shot: Shot, blank_shot: Shot, straight: list[PalletMeasurement]
+    floor_localizer: Makes, floor_shot: Shot, blank_shot: Shot, straight: Rows
 ) -> None:
     localizer, shot = floor_localizer(), replace(floor_shot, time=1.5, file="a.jpg")
     localizer.localize(blank_shot, replace(SHELF, y=2.3))
@@ -105,9 +102,7 @@ def test_the_same_shot_gives_the_same_result_whatever_came_before(
         assert values(localizer.localize(shot, SHELF)) == values(straight)
 
 
-def test_the_mirrored_scene_gives_the_mirrored_result(
-    floor_localizer: Makes, floor_shot: Shot, straight: list[PalletMeasurement]
-) -> None:
+def test_a_mirrored_scene_gives_the_mirrored_result(floor_localizer: Makes, floor_shot: Shot, straight: Rows) -> None:
     mirror = np.diag([1.0, -1.0, 1.0, 1.0])
     matrix = mirror @ floor_shot.mounting.forklift_from_camera.as_matrix() @ mirror
     mounting = replace(floor_shot.mounting, forklift_from_camera=RigidTransform.from_matrix(matrix))
@@ -133,11 +128,7 @@ def test_the_mirrored_scene_gives_the_mirrored_result(
 
 @pytest.mark.parametrize("at_the_seam", [0, 1])
 def test_a_camera_turned_about_its_axis_gives_the_same_result_even_at_the_seam(
-    at_the_seam: int,
-    floor_localizer: Makes,
-    floor_shot: Shot,
-    floor_pallets: tuple[Placed, ...],
-    straight: list[PalletMeasurement],
+    at_the_seam: int, floor_localizer: Makes, floor_shot: Shot, floor_pallets: Pallets, straight: Rows
 ) -> None:
     camera, pose = floor_shot.camera, floor_pallets[at_the_seam][1]
     seen = camera.project(floor_shot.mounting.to_camera.apply([pose.x, pose.y, pose.z]))
@@ -150,8 +141,8 @@ def test_a_camera_turned_about_its_axis_gives_the_same_result_even_at_the_seam(
 
 
 @pytest.mark.parametrize("light", ["half", "gray"])
-def test_half_the_light_or_no_colour_gives_nearly_the_same_poses(
-    light: str, floor_localizer: Makes, floor_shot: Shot, straight: list[PalletMeasurement]
+def test_neither_light_nor_colour_matters_much(
+    light: str, floor_localizer: Makes, floor_shot: Shot, straight: Rows
 ) -> None:
     gray = np.asarray(floor_shot.image.mean(axis=2), dtype=np.uint8)
     image = gray if light == "gray" else floor_shot.image // 2
@@ -186,9 +177,7 @@ def test_an_empty_floor_gives_no_row(floor_localizer: Makes, floor_shot: Shot) -
     [replace(SHELF, facing=np.pi / 2), replace(SHELF, y=-1.0), ShelfPlane(0.3, -0.08, -1.5)],
     ids=["facing_away", "behind", "through"],
 )
-def test_a_shelf_that_the_camera_is_not_before_is_an_error(
-    shelf: ShelfPlane, floor_localizer: Makes, floor_shot: Shot
-) -> None:
+def test_a_camera_not_before_a_shelf_is_an_error(shelf: ShelfPlane, floor_localizer: Makes, floor_shot: Shot) -> None:
     with pytest.raises(ShelfPlaneError, match="shelf: the camera is"):
         floor_localizer().localize(floor_shot, shelf)
 
@@ -218,7 +207,7 @@ COARSE = replace(LocalizerConfig(), joint_search=JointSearchConfig(turns=9, dept
 
 @pytest.mark.parametrize("method", Method)
 def test_all_methods_give_results_of_one_form(
-    method: Method, floor_localizer: Makes, floor_shot: Shot, floor_pallets: tuple[Placed, ...]
+    method: Method, floor_localizer: Makes, floor_shot: Shot, floor_pallets: Pallets
 ) -> None:
     starts = [Start(model.name, pose) for model, pose in floor_pallets]
     explained = floor_localizer(method, config=COARSE).explain_from(
@@ -249,9 +238,7 @@ def test_a_start_right_before_the_camera_is_refused(
     assert len(explained.refusals) == 1
 
 
-def test_given_starts_are_answered_one_by_one_in_order(
-    floor_localizer: Makes, floor_shot: Shot, floor_pallets: tuple[Placed, ...]
-) -> None:
+def test_starts_are_answered_in_order(floor_localizer: Makes, floor_shot: Shot, floor_pallets: Pallets) -> None:
     (wood, near), (plastic, far) = floor_pallets
     lost = LevelPose(np.nan, 2.0, 0.0, np.pi / 2)
     starts = [
@@ -275,9 +262,7 @@ def test_given_starts_are_answered_one_by_one_in_order(
     ]
 
 
-def test_starts_apart_lead_to_the_same_pallet(
-    floor_localizer: Makes, floor_shot: Shot, floor_pallets: tuple[Placed, ...]
-) -> None:
+def test_starts_apart_lead_to_one_pallet(floor_localizer: Makes, floor_shot: Shot, floor_pallets: Pallets) -> None:
     for model, pose in floor_pallets:
         starts = [
             Start(model.name, LevelPose(pose.x + dx, pose.y + dy, pose.z, pose.yaw + turn))
@@ -291,7 +276,7 @@ def test_starts_apart_lead_to_the_same_pallet(
 
 
 def test_another_place_of_the_forklift_frame_moves_everything_with_it(
-    floor_localizer: Makes, floor_shot: Shot, floor_pallets: tuple[Placed, ...]
+    floor_localizer: Makes, floor_shot: Shot, floor_pallets: Pallets
 ) -> None:
     moved = LevelPose(0.7, -1.1, 0.0, 0.6)  # new frame from old
     mounting = replace(
@@ -314,7 +299,7 @@ def test_another_place_of_the_forklift_frame_moves_everything_with_it(
 @pytest.mark.parametrize("index", [0, 1])
 @pytest.mark.parametrize("along_ray", [-0.25, 0.45])
 def test_a_start_far_off_along_the_viewing_ray_leads_to_the_pallet(
-    along_ray: float, index: int, floor_localizer: Makes, floor_shot: Shot, floor_pallets: tuple[Placed, ...]
+    along_ray: float, index: int, floor_localizer: Makes, floor_shot: Shot, floor_pallets: Pallets
 ) -> None:
     model, pose = floor_pallets[index]
     away = float(np.linalg.norm(pose.as_array()[:3] - floor_shot.mounting.center))
@@ -327,7 +312,7 @@ def test_a_start_far_off_along_the_viewing_ray_leads_to_the_pallet(
 
 
 def test_one_localizer_takes_shots_of_any_camera_in_any_order(
-    portrait: Callable[..., Shot], floor_shot: Shot, floor_pallets: tuple[Placed, ...], t11: PalletModel
+    portrait: Portrait, floor_shot: Shot, floor_pallets: Pallets, t11: PalletModel
 ) -> None:
     pose = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
     given = [(floor_shot, Start("t11", floor_pallets[1][1])), (portrait(t11, pose), Start("t11", pose))]

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -8,13 +7,13 @@ import cv2
 import numpy as np
 import pytest
 
-from palletloc import PalletModel, Shot
+from palletloc import PalletModel
 from palletloc.contrast import Placing, least_contrast, opening_contrasts, place_contrasts
 from palletloc.geometry import FloatArray, Image
 from palletloc.matching import FULL, Energy, channel_sum, component_gradients, edge_energy, gradient_across, smoothed
 from palletloc.plane import PlaneGrid, PlaneView
 from palletloc.refinement.patch import FacePatch, view_patch
-from tests.palletloc.poses import POSE, Draw, moved
+from tests.palletloc.poses import POSE, Draw, Portrait, moved
 
 WINDOW = (41, 21)
 
@@ -159,9 +158,7 @@ def noisy(view: PlaneView, sigma: float = 4.0) -> PlaneView:
 
 
 @pytest.mark.parametrize("levels", [(90.0, 180.0, 30.0), (90.0, 60.0, 200.0)], ids=["dark", "bright"])
-def test_openings_that_are_not_like_the_blocks_stand_out(
-    model: PalletModel, levels: tuple[float, ...], draw_face: Draw
-) -> None:
+def test_openings_unlike_the_blocks_stand_out(model: PalletModel, levels: tuple[float, ...], draw_face: Draw) -> None:
     assert face_contrast(noisy(draw_face(model, GRID, STRAIGHT, levels=levels)), model) > 5.0
 
 
@@ -251,7 +248,7 @@ WHOLE = (-9.0, 9.0)
 
 
 @pytest.fixture
-def patch(portrait: Callable[..., Shot], epal: PalletModel) -> FacePatch:
+def patch(portrait: Portrait, epal: PalletModel) -> FacePatch:
     found = view_patch(portrait(epal, POSE), POSE, (-0.9, 0.9, -0.15, 0.3), 0.005)
     assert isinstance(found, FacePatch)
     return found
@@ -293,7 +290,7 @@ def test_what_is_hidden_does_not_count(patch: FacePatch, epal: PalletModel) -> N
     assert right.left > before[1]
 
 
-def test_something_before_all_openings_leaves_no_contrast_unless_it_is_only_seen_to_stand_there(
+def test_something_before_all_openings_leaves_no_contrast_unless_only_seen(
     patch: FacePatch, epal: PalletModel
 ) -> None:
     assert least_contrast(patch, epal, POSE, [WHOLE]) == 0.0

@@ -14,7 +14,7 @@ from palletloc.methods import METHODS, measure_refined
 from palletloc.paper.joint_search import JointSearchConfig
 from palletloc.refinement.search import Search, search
 from palletloc.verification import of_use, verify
-from tests.palletloc.poses import CONFIG, FLOOR, POSE, Placed, Portrait, fit_of, found, moved
+from tests.palletloc.poses import CONFIG, FLOOR, POSE, Pallets, Portrait, fit_of, found, moved
 
 HEIGHTS = pytest.mark.parametrize("height", [FLOOR, None], ids=["level", "free"])
 
@@ -87,9 +87,7 @@ def test_a_fit_holds_what_its_steps_found(portrait: Portrait, t11: PalletModel) 
 
 
 @pytest.mark.parametrize(("depth", "turn_deg"), [(0.08, 5.0), (-0.08, 5.0), (0.08, -5.0), (-0.08, -5.0)])
-def test_all_starts_around_a_pallet_lead_to_the_same_pose(
-    depth: float, turn_deg: float, portrait: Portrait, t11: PalletModel
-) -> None:
+def test_near_starts_lead_to_one_pose(depth: float, turn_deg: float, portrait: Portrait, t11: PalletModel) -> None:
     shot = portrait(t11, POSE)
     straight, aside = found(measured(shot, t11)), measured(shot, t11, moved(POSE, depth=depth, turn_deg=turn_deg))
     apart = wrong(aside, straight.pose)
@@ -109,9 +107,7 @@ def test_far_starts_need_a_wide_search(portrait: Portrait, t11: PalletModel) -> 
     assert abs(wrong(wide)[3]) < np.radians(0.6)
 
 
-def test_at_every_height_a_pallet_is_measured_as_well_as_its_covariance_says_or_refused(
-    rack_shot: Shot, rack_pallets: tuple[Placed, ...]
-) -> None:
+def test_at_any_height_a_pose_is_as_right_as_it_says_or_refused(rack_shot: Shot, rack_pallets: Pallets) -> None:
     sigmas = []
     for model, pose in rack_pallets:
         outcome = measured(rack_shot, model, moved(pose, 0.02, 0.03, turn_deg=1.0), HeightPrior(pose.z, 0.003))
@@ -163,9 +159,7 @@ def test_an_image_without_a_pallet_gives_a_refusal(
     assert isinstance(measured(replace(shot, image=image), t11, POSE, height), Refusal)
 
 
-def test_another_pallets_face_is_not_taken_for_it(
-    portrait: Portrait, open_below: PalletModel, epal: PalletModel
-) -> None:
+def test_another_pallet_is_not_taken_for_it(portrait: Portrait, open_below: PalletModel, epal: PalletModel) -> None:
     outcome = measured(portrait(open_below, POSE), epal)
     assert isinstance(outcome, Refusal)
     assert outcome.stage is Stage.VERIFICATION
@@ -206,9 +200,7 @@ def test_what_the_search_leads_to_counts_where_the_start_itself_leads_nowhere(
 
 
 @pytest.mark.parametrize("method", Method)
-def test_every_method_leaves_what_it_is_given_as_it_was(
-    method: Method, floor_shot: Shot, floor_pallets: tuple[Placed, ...]
-) -> None:
+def test_every_method_leaves_its_input_as_it_was(method: Method, floor_shot: Shot, floor_pallets: Pallets) -> None:
     model, pose = floor_pallets[1]
     image, config = floor_shot.image.copy(), replace(CONFIG, joint_search=JointSearchConfig(turns=3, depths=3))
     candidate = Candidate(model, moved(pose, 0.01, 0.02, turn_deg=1.0), FLOOR, 0.5)

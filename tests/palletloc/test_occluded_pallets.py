@@ -115,7 +115,7 @@ def test_a_pallet_behind_a_post_is_right_or_refused(
 @pytest.mark.parametrize(
     ("model", "middle"), [("t11", -0.33), ("t11", 0.33), ("epal", -0.55), ("epal", 0.55)], indirect=["model"]
 )
-def test_a_post_before_an_opening_or_an_outer_block_costs_no_row(
+def test_a_post_before_an_opening_or_block_costs_no_row(
     model: PalletModel, middle: float, width: float, portrait: Portrait
 ) -> None:
     shot = behind(portrait(model, POSE), middle - width / 2, middle + width / 2)
@@ -153,9 +153,7 @@ def test_one_opening_aside_no_pallet_is_seen_half_hidden(
 
 
 @pytest.mark.parametrize("ends", [(-0.27, 0.22), (0.2, 0.6)], ids=["middle", "right"])
-def test_what_a_board_covers_is_listed_as_hidden(
-    ends: tuple[float, float], t11: PalletModel, portrait: Portrait
-) -> None:
+def test_what_a_board_hides_is_listed(ends: tuple[float, float], t11: PalletModel, portrait: Portrait) -> None:
     found = estimate(behind(portrait(t11, POSE), *ends), t11)
     left, right = ends
     assert len(found.seen.hidden) == 1

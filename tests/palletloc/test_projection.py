@@ -58,9 +58,7 @@ def test_gray_is_one_channel_of_colour(image: Image, interpolation: Interpolatio
     ids=["ahead", "across_the_seam", "left", "floor"],
 )
 @pytest.mark.parametrize("point", [(0.0, 0.15), (-0.41, 0.07), (0.37, 0.22)])
-def test_a_spot_on_the_plane_appears_at_its_pixel(
-    camera_from_plane: RigidTransform, point: tuple[float, float]
-) -> None:
+def test_a_spot_on_a_plane_is_at_its_pixel(camera_from_plane: RigidTransform, point: tuple[float, float]) -> None:
     u, v = CAMERA.project(camera_from_plane.apply([*point, 0.0])).pixels
     columns, rows = np.meshgrid(np.arange(CAMERA.width), np.arange(CAMERA.height))
     across = (columns - u + CAMERA.width / 2) % CAMERA.width - CAMERA.width / 2

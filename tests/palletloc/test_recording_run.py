@@ -140,9 +140,7 @@ def test_every_shot_is_worked_on_and_kept(blank_recording: Path, tmp_path: Path)
 
 
 @pytest.mark.parametrize("numbers", [(0,), (2,), (0, 1), (0, 1, 3)])
-def test_a_shot_that_cannot_be_read_is_passed_over(
-    blank_recording: Path, tmp_path: Path, numbers: tuple[int, ...]
-) -> None:
+def test_an_unreadable_shot_is_passed_over(blank_recording: Path, tmp_path: Path, numbers: tuple[int, ...]) -> None:
     damage(blank_recording, *numbers)
     outcomes = worked(read_job(blank_recording), tmp_path / "out")
     assert [outcome.number for outcome in outcomes] == [0, 1, 2, 3]
@@ -167,9 +165,7 @@ def test_a_shot_that_is_not_before_the_shelf_is_passed_over(blank_recording: Pat
 
 
 @pytest.mark.parametrize("numbers", [(0,), (2,)])
-def test_strict_ends_at_the_first_shot_that_cannot_be_used(
-    blank_recording: Path, tmp_path: Path, numbers: tuple[int, ...]
-) -> None:
+def test_strict_ends_at_the_first_bad_shot(blank_recording: Path, tmp_path: Path, numbers: tuple[int, ...]) -> None:
     damage(blank_recording, *numbers)
     with pytest.raises(ImageError, match=rf"{numbers[0]}\.png: is not"):
         worked(read_job(blank_recording), tmp_path / "out", strict=True)
@@ -202,7 +198,7 @@ def test_what_was_skipped_is_passed_over_again(blank_recording: Path, tmp_path: 
     assert len(outcomes) == 1
 
 
-def test_a_full_disk_is_no_fault_of_a_shot(
+def test_a_full_disk_is_no_shots_fault(
     blank_recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def cannot(*_arguments: object) -> None:

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palletloc import LevelPose, Localizer, PalletMeasurement, PalletModel, Recording, Start
+from palletloc import LevelPose, Localizer, PalletMeasurement, Recording, Start
 from palletloc.geometry import FloatArray, level_pose
 from palletloc.recording_run import Job, read_job
 from palletloc.synthetic.aisle import misshapen
 from palletloc.synthetic.rig import disturbed
-from tests.palletloc.poses import Portrait
+from tests.palletloc.poses import Models, Portrait
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data"
 MAX_RANGE = 4.5
@@ -201,9 +201,7 @@ COUNT = 45
 FLOOR, LEVEL, ABOVE = 0.0, 1.7, 2.9
 
 
-def squared_errors(
-    z: float, known: bool, portrait: Portrait, models: tuple[PalletModel, ...]
-) -> tuple[FloatArray, FloatArray]:
+def squared_errors(z: float, known: bool, portrait: Portrait, models: Models) -> tuple[FloatArray, FloatArray]:
     """Return the normalised estimation error squared of each measurement, and the errors themselves."""
     rng = np.random.default_rng(1)
     squared, errors = [], []
@@ -226,9 +224,7 @@ def squared_errors(
 
 
 @pytest.mark.slow
-def test_on_the_floor_errors_are_as_large_as_the_covariances_say(
-    portrait: Portrait, models: tuple[PalletModel, ...]
-) -> None:
+def test_on_the_floor_errors_are_as_large_as_the_covariances_say(portrait: Portrait, models: Models) -> None:
     squared, errors = squared_errors(FLOOR, True, portrait, models)
     assert len(squared) >= 40
     assert 0.7 < squared.mean() < 10.0
@@ -243,7 +239,7 @@ def test_on_the_floor_errors_are_as_large_as_the_covariances_say(
     [(LEVEL, True, 0.4, 0.1), (ABOVE, True, 0.9, 0.1), (FLOOR, False, 0.9, 0.2), (ABOVE, False, 0.9, 0.2)],
 )
 def test_near_and_above_the_camera_and_without_a_known_height_most_errors_are_as_large_as_the_covariances_say(
-    z: float, known: bool, measured: float, off: float, portrait: Portrait, models: tuple[PalletModel, ...]
+    z: float, known: bool, measured: float, off: float, portrait: Portrait, models: Models
 ) -> None:
     squared, _ = squared_errors(z, known, portrait, models)
     assert len(squared) >= measured * COUNT  # level with the camera, many poses are too uncertain to be reported

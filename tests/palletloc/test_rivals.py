@@ -16,14 +16,12 @@ from palletloc.refinement.face_fit import FaceEstimate, FacePrior, fit_face
 from palletloc.refinement.patch import FacePatch, view_patch
 from palletloc.rivals import Rival, any_height, one_opening_aside, other_model, other_starts, own_start, wide_start
 from palletloc.verification import Evidence
-from tests.palletloc.poses import CONFIG, FLOOR, POSE, Portrait, found, moved, slid
+from tests.palletloc.poses import CONFIG, FLOOR, POSE, Outcome, Portrait, found, moved, slid
 
 CERTAIN, DOUBTFUL = Evidence(4.0, 1.0, 0.8, 0.1), Evidence(2.2, 0.6, 0.5, 3.0)
 
 
-def measured(
-    shot: Shot, model: PalletModel, start: LevelPose = POSE, height: HeightPrior | None = FLOOR
-) -> Fit | Refusal:
+def measured(shot: Shot, model: PalletModel, start: LevelPose = POSE, height: HeightPrior | None = FLOOR) -> Outcome:
     return measure_refined(shot, Candidate(model, start, height), CONFIG)
 
 
@@ -31,7 +29,7 @@ def given_up(fit: Fit, reason: Reason = Reason.UNCERTAIN) -> Refusal:
     return Refusal(fit.candidate, Stage.VERIFICATION, reason, fit)
 
 
-def never(*_: object) -> Fit | Refusal:
+def never(*_: object) -> Outcome:
     raise AssertionError("nothing has to be measured")
 
 
@@ -49,9 +47,7 @@ def test_every_other_attempt_that_measured_something_is_a_rival(portrait: Portra
     np.testing.assert_array_equal(second.apart, first.apart)
 
 
-def test_a_candidates_own_start_is_tried_on_its_level_where_the_search_led_nowhere(
-    portrait: Portrait, t11: PalletModel
-) -> None:
+def test_on_a_level_the_own_start_is_tried_where_the_search_led_nowhere(portrait: Portrait, t11: PalletModel) -> None:
     best = found(measured(portrait(t11, POSE), t11))
     raised = replace(given_up(best), candidate=replace(best.candidate, start=replace(POSE, z=0.2)))
     tried: list[LevelPose] = []
@@ -69,9 +65,7 @@ def test_a_candidates_own_start_is_tried_on_its_level_where_the_search_led_nowhe
     assert list(own_start(best, never)) == list(own_start(free, never)) == []
 
 
-def test_a_given_start_is_searched_widely_where_near_it_there_is_nothing_beyond_doubt(
-    portrait: Portrait, t11: PalletModel
-) -> None:
+def test_a_start_is_searched_widely_if_nothing_near_is_beyond_doubt(portrait: Portrait, t11: PalletModel) -> None:
     shot = portrait(t11, POSE)
     best = found(measured(shot, t11))
     assert best.face is not None
@@ -132,7 +126,7 @@ def test_a_rival_that_fails_its_checks_still_refuses(portrait: Portrait, epal: P
     shot = portrait(epal, POSE)
     alias = believed(shot, epal, float(epal.openings[1].center - epal.openings[0].center), 0.3)
 
-    def measure_badly(shot: Shot, candidate: Candidate, config: LocalizerConfig) -> Fit | Refusal:
+    def measure_badly(shot: Shot, candidate: Candidate, config: LocalizerConfig) -> Outcome:
         rival = measure_refined(shot, candidate, config)
         return given_up(rival) if isinstance(rival, Fit) else rival
 
@@ -183,7 +177,7 @@ def test_a_model_that_looks_alike_is_no_contradiction(portrait: Portrait, t11: P
     assert (np.diag(together.covariance) >= np.diag(alone.covariance)).all()
 
 
-def test_no_other_model_is_tried_on_a_known_level_for_itself_or_for_what_was_given_up(
+def test_no_other_model_is_tried_on_a_level_for_itself_or_what_was_refused(
     portrait: Portrait, t11: PalletModel
 ) -> None:
     shot, other = portrait(t11, POSE), replace(t11, name="other", width=1.2)
@@ -222,9 +216,7 @@ def test_a_right_level_is_not_contradicted(model: PalletModel, portrait: Portrai
 
 
 @pytest.mark.parametrize("off", [-0.06, -0.05, 0.05, 0.06])
-def test_a_level_wrong_by_some_centimetres_is_contradicted(
-    model: PalletModel, off: float, portrait: Portrait
-) -> None:
+def test_a_level_wrong_by_centimetres_is_contradicted(model: PalletModel, off: float, portrait: Portrait) -> None:
     shot = portrait(model, POSE)
     (rival,) = any_height(shot, on_level(shot, model, POSE.z + off), CONFIG)
     assert rival.wins

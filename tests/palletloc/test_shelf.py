@@ -129,9 +129,7 @@ def test_the_view_holds_every_face_that_is_searched(level: float | None, looking
     assert right > seen.columns[1] + t11.width / 2
 
 
-def test_what_is_searched_lies_in_range_and_not_behind(
-    looking: Looking, forklift_from_camera: RigidTransform
-) -> None:
+def test_what_is_searched_is_in_range_and_not_behind(looking: Looking, forklift_from_camera: RigidTransform) -> None:
     seen = looking()
     for column in seen.columns:
         away = seen.forklift_from_plane.apply([column, 0.0, 0.0]) - forklift_from_camera.translation
@@ -201,10 +199,11 @@ GRID = PlaneGrid.spanning(-1.8, 2.6, -0.7, 0.8, RESOLUTION)
 CAMERA = np.array([0.0, HEIGHT, DISTANCE])
 WINDOW = (33, 17)
 Seen = tuple[ShelfView, list[TemplatePiece], Steps]
+Shown = Callable[..., Seen]
 
 
 @pytest.fixture
-def shown(epal: PalletModel, draw_face: Draw) -> Callable[..., Seen]:
+def shown(epal: PalletModel, draw_face: Draw) -> Shown:
     """Return a function that draws a face on the shelf: its place, depth behind the plane, yaw and height."""
 
     def drawn(place: float, depth: float, yaw: float = 0.0, height: float = 0.0, known: bool = True) -> Seen:
@@ -232,9 +231,7 @@ def best(sites: Sites) -> tuple[float, ...]:
     ("place", "depth", "yaw"), [(0.0, 0.0, 0.0), (0.73, 0.11, 0.05), (-0.51, -0.09, -0.06), (1.2, 0.2, 0.07)]
 )
 @pytest.mark.parametrize("known", [True, False])
-def test_a_face_is_found_where_it_stands(
-    place: float, depth: float, yaw: float, known: bool, shown: Callable[..., Seen]
-) -> None:
+def test_a_face_is_found_where_it_stands(place: float, depth: float, yaw: float, known: bool, shown: Shown) -> None:
     seen, template, steps = shown(place, depth, yaw, 0.06, known)
     sites = refine(seen, template, steps, search(seen, template, steps, CONFIG), 1.0, CONFIG)
     found = best(sites)
@@ -245,7 +242,7 @@ def test_a_face_is_found_where_it_stands(
     assert found[4] > 0.7
 
 
-def test_the_first_pass_scores_as_the_template_is_matched(shown: Callable[..., Seen]) -> None:
+def test_the_first_pass_scores_as_the_template_is_matched(shown: Shown) -> None:
     seen, template, steps = shown(0.4, 0.05)
     sites = search(seen, template, steps, replace(CONFIG, min_score=-1.0))
     placement = FacePlacement(
@@ -259,7 +256,7 @@ def test_the_first_pass_scores_as_the_template_is_matched(shown: Callable[..., S
     assert np.abs(sites.score - score).mean() < 0.06
 
 
-def test_steps_are_as_fine_as_the_view_tolerates(shown: Callable[..., Seen], epal: PalletModel) -> None:
+def test_steps_are_as_fine_as_the_view_tolerates(shown: Shown, epal: PalletModel) -> None:
     seen, _, level = shown(0.0, 0.0)
     free = first_steps(replace(seen, level=None), epal, CONFIG)
     fine = first_steps(replace(seen, view=replace(seen.view, grid=replace(GRID, resolution=0.006))), epal, CONFIG)
@@ -275,7 +272,7 @@ def test_steps_are_as_fine_as_the_view_tolerates(shown: Callable[..., Seen], epa
     assert free.heights[-1] > CONFIG.heights[1] - 0.05
 
 
-def test_refining_moves_along_the_ray_and_does_not_lose_score(shown: Callable[..., Seen]) -> None:
+def test_refining_moves_along_the_ray_and_does_not_lose_score(shown: Shown) -> None:
     seen, template, steps = shown(0.73, 0.11, 0.05)
     first = search(seen, template, steps, CONFIG)
     second = refine(seen, template, steps, first, 1.0, CONFIG)
@@ -286,7 +283,7 @@ def test_refining_moves_along_the_ray_and_does_not_lose_score(shown: Callable[..
     assert near.all()
 
 
-def test_what_the_view_leaves_open_stays_near_the_nominal_plane(shown: Callable[..., Seen]) -> None:
+def test_what_the_view_leaves_open_stays_near_the_nominal_plane(shown: Shown) -> None:
     seen, template, steps = shown(0.3, 0.0)
     flat = [piece._replace(field=np.full_like(piece.field, 200)) for piece in template]
     sites = Sites(*(np.array([value]) for value in (0.3, 0.0, 0.0, 0.0, 0.0)))
@@ -295,7 +292,7 @@ def test_what_the_view_leaves_open_stays_near_the_nominal_plane(shown: Callable[
     assert same.depth[0] == pytest.approx(0.0, abs=0.01)
 
 
-def test_without_sites_there_is_nothing_to_refine(shown: Callable[..., Seen]) -> None:
+def test_without_sites_there_is_nothing_to_refine(shown: Shown) -> None:
     seen, template, steps = shown(0.0, 0.0)
     none = Sites(*(np.empty(0) for _ in range(5)))
     assert len(refine(seen, template, steps, none, 1.0, CONFIG).place) == 0
@@ -318,5 +315,5 @@ def test_the_best_of_what_stands_together_is_kept() -> None:
     for rank, site in enumerate(kept):
         assert not any(near(site, other) for other in kept[:rank])
     for site in range(300):
-        assert site in kept or any(near(site, other) and sites.score[other] >= sites.score[one] for other in kept)
+        assert site in kept or any(near(site, other) and sites.score[other] >= sites.score[site] for other in kept)
     assert spaced(sites, sites.score, 5, 0.144, CONFIG).tolist() == kept[:5].tolist()

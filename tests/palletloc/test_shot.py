@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import FrozenInstanceError, fields, is_dataclass, replace
 from enum import StrEnum
 
@@ -16,7 +15,6 @@ from palletloc import (
     Explanation,
     Fit,
     LevelPose,
-    Localizer,
     Mounting,
     PalletModel,
     Refusal,
@@ -31,7 +29,7 @@ from palletloc.plane import PALLET_FROM_HORIZONTAL, PALLET_FROM_VERTICAL, PlaneG
 from palletloc.projection import Projector
 from palletloc.shot import BRIGHT, MIN_DISTANCE, MOST_GAIN, out_of_sight, points_about, shelf_points
 from palletloc.verification import Evidence
-from tests.palletloc.poses import Placed
+from tests.palletloc.poses import Makes, Mounted, Pallets, Portrait
 
 SHELF = ShelfPlane(1.3, 2.02, -np.pi / 2 + 0.01, (0.0,))
 POSE = LevelPose(0.9, 2.0, 0.3, np.pi / 2 + 0.02)
@@ -49,7 +47,7 @@ CAMERAS: dict[str, CameraModel] = {
 
 
 @pytest.fixture(params=CAMERAS)
-def shot(request: pytest.FixtureRequest, mounted: Callable[..., RigidTransform]) -> Shot:
+def shot(request: pytest.FixtureRequest, mounted: Mounted) -> Shot:
     """Return a shot of noise through each kind of camera."""
     camera = CAMERAS[request.param]
     image = np.random.default_rng(0).integers(0, 256, (camera.height, camera.width, 3), dtype=np.uint8)
@@ -88,9 +86,7 @@ def test_views_are_what_a_projector_shows_of_the_planes_through_a_pose(shot: Sho
 
 
 @pytest.mark.parametrize("name", ["equirectangular", "pinhole", "fisheye"])
-def test_a_point_of_the_face_is_in_the_view_where_it_is_on_the_face(
-    name: str, mounted: Callable[..., RigidTransform]
-) -> None:
+def test_a_point_of_the_face_is_in_the_view_where_it_is_on_the_face(name: str, mounted: Mounted) -> None:
     camera = CAMERAS[name]
     shot = Shot(
         np.zeros((camera.height, camera.width), np.uint8), camera, Mounting(mounted(0.3, -0.1, 1.2, 78.0, 15.0))
@@ -104,9 +100,7 @@ def test_a_point_of_the_face_is_in_the_view_where_it_is_on_the_face(
     np.testing.assert_allclose(found, point, atol=0.015)
 
 
-def test_openings_are_darker_than_blocks_where_the_model_has_them(
-    portrait: Callable[..., Shot], epal: PalletModel
-) -> None:
+def test_openings_are_darker_than_blocks_where_the_model_has_them(portrait: Portrait, epal: PalletModel) -> None:
     pose = replace(POSE, z=0.0)
     view = portrait(epal, pose).vertical_view(pose, (-0.66, 0.66, -0.06, 0.21), 0.004)
     up = epal.openings[0].bottom + epal.openings[0].height / 2
@@ -127,9 +121,7 @@ def test_openings_are_darker_than_blocks_where_the_model_has_them(
         ((0.0, 1.0, -5.1), Reason.OUT_OF_RANGE),
     ],
 )
-def test_a_face_is_out_of_sight_behind_its_plane_or_far_away(
-    camera: tuple[float, float, float], reason: Reason | None
-) -> None:
+def test_faces_are_out_of_sight_behind_or_far_away(camera: tuple[float, float, float], reason: Reason | None) -> None:
     assert out_of_sight(np.array(camera), 5.0) is reason
 
 
@@ -181,7 +173,7 @@ def test_gain_has_an_end_and_what_is_not_seen_needs_none(floor_shot: Shot) -> No
 
 @pytest.mark.parametrize("gain", [0.25, 0.16])
 def test_pallets_are_found_in_the_dark(
-    floor_localizer: Callable[..., Localizer], floor_shot: Shot, floor_pallets: tuple[Placed, ...], gain: float
+    floor_localizer: Makes, floor_shot: Shot, floor_pallets: Pallets, gain: float
 ) -> None:
     found = floor_localizer().localize(darkened(floor_shot, gain, noise=0.5), SHELF)
     assert len(found) == len(floor_pallets)

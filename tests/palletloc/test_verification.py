@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
 
@@ -226,7 +226,7 @@ def test_nothing_excludes_nothing(epal: PalletModel) -> None:
 
 @pytest.mark.parametrize(("aside", "expected"), [(0.0, True), (0.45, False)])
 def test_what_is_uncertain_keeps_others_away_but_not_a_better_fit_of_its_own_pallet(
-    aside: float, expected: bool, portrait: Callable[..., Shot], t11: PalletModel
+    aside: float, expected: bool, portrait: Portrait, t11: PalletModel
 ) -> None:
     pose = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
     known = measure_refined(portrait(t11, pose), Candidate(t11, pose, HeightPrior(0.0, 0.003)), LocalizerConfig())

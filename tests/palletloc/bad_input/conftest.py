@@ -14,7 +14,7 @@ from palletloc.geometry import wrap_angle
 from palletloc.methods import METHODS
 from palletloc.synthetic.rig import camera_of
 from tests.palletloc.bad_input.drawn import Scene
-from tests.palletloc.poses import Photograph, Placed
+from tests.palletloc.poses import Pallets, Photograph, Placed
 
 RIGHT = -np.pi / 2
 """Heading into a shelf on the right."""
@@ -75,7 +75,7 @@ def localizer(method: Method) -> Callable[..., Localizer]:
 
 
 @pytest.fixture(scope="session")
-def right_pallets(epal: PalletModel, t11: PalletModel) -> tuple[Placed, ...]:
+def right_pallets(epal: PalletModel, t11: PalletModel) -> Pallets:
     """Return two pallets on the floor to the right."""
     return (
         (t11, LevelPose(0.7, -1.9, 0.0, RIGHT + np.radians(2.0))),
@@ -87,10 +87,10 @@ def right_pallets(epal: PalletModel, t11: PalletModel) -> tuple[Placed, ...]:
 def scenes(
     photograph: Photograph,
     floor_shot: Shot,
-    floor_pallets: tuple[Placed, ...],
+    floor_pallets: Pallets,
     rack_shot: Shot,
-    rack_pallets: tuple[Placed, ...],
-    right_pallets: tuple[Placed, ...],
+    rack_pallets: Pallets,
+    right_pallets: Pallets,
 ) -> Callable[[str], Scene]:
     """Return a function that returns a scene by its name: a shot, the pallets in it and the nominal shelf plane."""
     right = ShelfPlane(1.4, -1.9, np.pi / 2 + 0.01, (0.0,))

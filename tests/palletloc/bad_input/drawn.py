@@ -9,9 +9,9 @@ import pytest
 from hypothesis import Phase, settings
 
 from palletloc import ShelfPlane, Shot
-from tests.palletloc.poses import Placed
+from tests.palletloc.poses import Pallets
 
-Scene = tuple[Shot, tuple[Placed, ...], ShelfPlane]
+Scene = tuple[Shot, Pallets, ShelfPlane]
 """A shot, the pallets in it and the nominal shelf plane."""
 Scenes = Callable[[str], Scene]
 Faults = Callable[..., list[str]]

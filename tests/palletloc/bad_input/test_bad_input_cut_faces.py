@@ -16,7 +16,7 @@ from palletloc.choices import CameraKind
 from palletloc.geometry import FloatArray, Image
 from palletloc.synthetic.rig import camera_of
 from tests.palletloc.bad_input.drawn import HEIGHTS, Check, Scene, Scenes, few
-from tests.palletloc.poses import Photograph, Placed
+from tests.palletloc.poses import Pallets, Photograph
 
 FEW = few(5)
 SEAM = LevelPose(0.3, -0.08, 1.85, 0.0)
@@ -54,7 +54,7 @@ def cropped(camera: CameraModel, image: Image, side: str, at: int) -> tuple[Came
 def measured(localizer: Callable[..., Localizer], faults: Callable[..., list[str]]) -> Check:
     """Return a function that checks the rows of a cut shot, detected and from right starts, and counts them."""
 
-    def checked(shot: Shot, pallets: tuple[Placed, ...], shelf: ShelfPlane, known: bool = True) -> int:
+    def checked(shot: Shot, pallets: Pallets, shelf: ShelfPlane, known: bool = True) -> int:
         found, levels = localizer(pallets), shelf.levels if known else ()
         starts = [Start(model.name, pose) for model, pose in pallets]
         given = found.explain_from(shot, starts, levels)
@@ -72,7 +72,7 @@ def cut_by_border(scene: Scene, side: str, pallet: int, place: float, known: boo
     along = pixels[valid][:, 0 if side in ("left", "right") else 1]
     at = round(float(along.min() + place * np.ptp(along)))
     camera, image = cropped(shot.camera, shot.image, side, at)
-    return measured(replace(shot, image=image, camera=camera), pallets, shelf, known)
+    return int(measured(replace(shot, image=image, camera=camera), pallets, shelf, known))
 
 
 @HEIGHTS
@@ -100,7 +100,7 @@ def cut_by_lens(scene: Scene, pallet: int, place: float, black: bool, known: boo
     if black:
         columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
         image[~smaller.unproject(np.stack([columns, rows], axis=-1).astype(np.float64)).valid] = 0
-    return measured(replace(shot, image=image, camera=smaller), pallets, shelf, known)
+    return int(measured(replace(shot, image=image, camera=smaller), pallets, shelf, known))
 
 
 @HEIGHTS
@@ -121,12 +121,7 @@ def test_a_lens_that_does_not_see_the_pallets_gives_no_row(scenes: Scenes, measu
     "across", [0.0, *(pytest.param(share, marks=pytest.mark.slow) for share in (-0.5, -0.35, -0.2, 0.2, 0.35, 0.5))]
 )
 def test_a_pallet_between_two_lenses_gives_no_wrong_row(
-    across: float,
-    pallet: int,
-    photograph: Photograph,
-    floor_pallets: tuple[Placed, ...],
-    scenes: Scenes,
-    measured: Check,
+    across: float, pallet: int, photograph: Photograph, floor_pallets: Pallets, scenes: Scenes, measured: Check
 ) -> None:
     model, pose = floor_pallets[pallet]
     x, y, _ = pose.transform().apply([0.0, across * model.width, 0.0])

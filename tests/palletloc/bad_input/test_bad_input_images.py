@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from palletloc import Explanation, LevelPose, Localizer, Method, ShelfPlane, Shot, Start
 from palletloc.geometry import FloatArray, Image
 from tests.palletloc.bad_input.drawn import HEIGHTS, NAMES, Check, Faults, Scene, Scenes, few
-from tests.palletloc.poses import Makes, Placed
+from tests.palletloc.poses import Makes, Pallets
 
 FEW = few(4)
 refined = pytest.mark.parametrize("method", [Method.REFINED], ids=str, indirect=True)
@@ -199,7 +199,7 @@ def flip_of(shot: Shot, flip: str) -> FloatArray:
     return np.asarray(forklift_from_camera @ np.diag([1.0, left, up, 1.0]) @ np.linalg.inv(forklift_from_camera))
 
 
-def seen_in(shot: Shot, pallets: tuple[Placed, ...], flip: str) -> tuple[Placed, ...]:
+def seen_in(shot: Shot, pallets: Pallets, flip: str) -> Pallets:
     """Return where a flipped image shows the pallets: what is upside down begins where it ended."""
     seen = []
     for model, pose in pallets:

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palletloc import Explanation, LevelPose, Localizer, Method, Mounting, PalletModel, ShelfPlane, Shot, Start
+from palletloc import Explanation, LevelPose, Localizer, Method, Mounting, ShelfPlane, Shot, Start
 from palletloc.choices import CameraKind, Illumination, Side
 from palletloc.measurement import Reason, Stage
 from palletloc.methods import METHODS
@@ -22,7 +22,7 @@ from palletloc.synthetic.rendering import lit, render
 from palletloc.synthetic.rig import Sensor, camera_of, draw_mounting, expose
 from palletloc.synthetic.scene import Solid
 from tests.palletloc.bad_input.drawn import HEIGHTS, NAMES, Check, Faults, Scenes, few
-from tests.palletloc.poses import Makes, slid
+from tests.palletloc.poses import Makes, Models, slid
 
 Moves = tuple[float, float, float, float]
 
@@ -219,7 +219,6 @@ def test_a_start_farther_aside_than_an_opening_gives_no_wrong_row(scenes: Scenes
 
 # A rack that holds cartons and no pallet: whatever is tried there must find nothing.
 
-Models = tuple[PalletModel, ...]
 Empty = tuple[Shot, ShelfPlane, ShelfFrame]
 Empties = Callable[[int], Empty]
 

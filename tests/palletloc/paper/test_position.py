@@ -29,7 +29,7 @@ def off(pose: LevelPose, truth: LevelPose = POSE) -> tuple[float, float]:
 
 @pytest.mark.parametrize("factor", [0.97, 1.0, 1.03])
 @pytest.mark.parametrize("prior", [FLOOR, None], ids=["level", "free"])
-def test_the_best_peak_is_the_pallet_wherever_on_the_ray_it_starts(
+def test_the_best_peak_is_the_pallet_from_all_along_its_ray(
     model: PalletModel, factor: float, prior: HeightPrior | None, portrait: Portrait
 ) -> None:
     shot = portrait(model, POSE)
@@ -45,9 +45,7 @@ def test_the_best_peak_is_the_pallet_wherever_on_the_ray_it_starts(
 
 @pytest.mark.parametrize("factor", [0.95, 1.05])
 @pytest.mark.parametrize("x", [-1.0, 2.3])
-def test_far_beside_the_camera_the_face_is_followed_along_its_ray(
-    factor: float, x: float, portrait: Portrait, t11: PalletModel
-) -> None:
+def test_far_aside_faces_are_followed_on_rays(factor: float, x: float, portrait: Portrait, t11: PalletModel) -> None:
     pose = replace(POSE, x=x)
     shot = portrait(t11, pose)
     found = swept(shot, t11, slid(shot, pose, factor))
@@ -147,7 +145,5 @@ def test_nothing_is_found_jointly_in_a_plain_image(portrait: Portrait, t11: Pall
 
 
 @pytest.mark.parametrize("start", [replace(POSE, yaw=-np.pi / 2), LevelPose(0.3, 0.1, 0.0, np.pi / 2)])
-def test_from_behind_or_at_the_face_there_is_nothing_to_search(
-    start: LevelPose, portrait: Portrait, t11: PalletModel
-) -> None:
+def test_behind_or_at_the_face_nothing_is_searched(start: LevelPose, portrait: Portrait, t11: PalletModel) -> None:
     assert searched(portrait(t11, POSE), t11, start) is Reason.BEHIND_FACE

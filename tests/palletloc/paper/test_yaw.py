@@ -180,9 +180,7 @@ def test_the_plane_goes_level_through_the_edge(source: YawSource, portrait: Port
 
 
 @pytest.mark.parametrize("source", [YawSource.BOTTOM, YawSource.TOP])
-def test_every_level_edge_of_the_face_lies_in_the_view(
-    source: YawSource, portrait: Portrait, epal: PalletModel
-) -> None:
+def test_every_level_edge_of_a_face_is_in_the_view(source: YawSource, portrait: Portrait, epal: PalletModel) -> None:
     shot = portrait(epal, POSE)
     seen = seen_from(shot, epal, source=source)
     grid, camera = seen.view.grid, seen.plane_from_camera
@@ -248,9 +246,7 @@ def lines_of(view: PlaneView, two_region: bool) -> list[BoundaryLine]:
 @METHODS
 @pytest.mark.parametrize("turn_deg", [-9.0, -2.1, 0.0, 0.4, 5.0])
 @pytest.mark.parametrize("up", [-0.02, 0.013])
-def test_a_boundary_is_found_within_what_a_pixel_over_its_length_resolves(
-    two_region: bool, turn_deg: float, up: float
-) -> None:
+def test_a_boundary_is_found_to_a_pixel_over_its_length(two_region: bool, turn_deg: float, up: float) -> None:
     best = lines_of(half_planes(np.radians(turn_deg), up), two_region)[0]
     resolved = GRID.resolution / 1.2
     assert best.turn == pytest.approx(np.radians(turn_deg), abs=STEP + resolved)

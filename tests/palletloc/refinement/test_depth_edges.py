@@ -13,7 +13,7 @@ from scipy.spatial.transform import RigidTransform
 from palletloc import CameraModel, LevelPose, Mounting, PalletModel, Shot, load_library
 from palletloc.edge_fit import EdgeFit
 from palletloc.face import edge_shift, face_lines
-from palletloc.geometry import FloatArray, Image
+from palletloc.geometry import FloatArray
 from palletloc.measurement import HeightPrior
 from palletloc.refinement import depth_edges
 from palletloc.refinement.depth_edges import (
@@ -31,7 +31,7 @@ from palletloc.refinement.face_fit import FaceEstimate, FaceFitConfig, FacePrior
 from palletloc.refinement.normal_equations import FaceEquations
 from palletloc.synthetic.materials import WOODS
 from palletloc.synthetic.pallet_solid import PalletBody
-from tests.palletloc.poses import Portrait
+from tests.palletloc.poses import Paints, Portrait
 
 LIBRARY = load_library()
 FACES = ["epal1-1200", "epal1-800"]
@@ -142,7 +142,7 @@ def noted(monkeypatch: pytest.MonkeyPatch) -> list[DepthPeaks]:
 
 
 @pytest.fixture
-def striped(paint_plane: Callable[..., Image], narrow_view: CameraModel, noted: list[DepthPeaks]) -> Striped:
+def striped(paint_plane: Paints, narrow_view: CameraModel, noted: list[DepthPeaks]) -> Striped:
     """Return a function that looks for edges whose images are painted so far to the right of their places."""
 
     def looked(model: PalletModel, aside: float) -> tuple[tuple[DepthEdge, ...], DepthPeaks]:

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -10,10 +9,9 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from palletloc import LevelPose, Mounting, PalletModel, Shot
 from palletloc.cameras import CameraModel, Equirectangular, Pinhole
 from palletloc.face import EdgeKind, face_lines
-from palletloc.geometry import Image
 from palletloc.measurement import Reason
 from palletloc.refinement.edges import BORDERING, EdgeReach, MeasuredEdge, SeenFace, measure_face
-from tests.palletloc.poses import POSE, Portrait, blanked, moved
+from tests.palletloc.poses import POSE, Portrait, Shoots, blanked, moved
 
 REACH = EdgeReach(0.012, 0.012, 1.5)
 
@@ -131,9 +129,7 @@ def test_from_behind_there_is_no_face(behind: LevelPose, portrait: Portrait, t11
 
 
 @pytest.mark.parametrize("grown", [0.0023, -0.0037])
-def test_drawn_edges_are_measured_to_a_tenth_of_a_pixel(
-    model: PalletModel, grown: float, shoot_face: Callable[..., Image]
-) -> None:
+def test_drawn_edges_are_measured_to_a_tenth_of_a_pixel(model: PalletModel, grown: float, shoot_face: Shoots) -> None:
     sharp = replace(model, edge_radius=0.0)
     camera = Pinhole(900, 320, 900.0, 900.0, 449.5, 159.5)
     turned = Rotation.from_euler("ZYX", [1.25, 0.42, 0.03])
@@ -151,7 +147,7 @@ def test_drawn_edges_are_measured_to_a_tenth_of_a_pixel(
 
 @pytest.mark.parametrize("columns", [0, 1, 480, 951])
 def test_a_face_across_the_seam_of_a_closed_image_is_measured_like_any_other(
-    columns: int, shoot_face: Callable[..., Image], t11: PalletModel
+    columns: int, shoot_face: Shoots, t11: PalletModel
 ) -> None:
     camera, sharp = Equirectangular(1600, 800), replace(t11, edge_radius=0.0)
     tilted = Rotation.from_euler("ZYX", [0.0, 0.02, 0.01])
@@ -194,9 +190,7 @@ def test_every_edge_carries_what_the_face_says_of_it(portrait: Portrait, epal: P
         assert measured.evidence_weight == seen.evidence_weight(measured.edge)
 
 
-def test_lines_that_something_stands_before_are_hidden_and_not_measured(
-    portrait: Portrait, epal: PalletModel
-) -> None:
+def test_lines_behind_something_are_hidden_and_not_measured(portrait: Portrait, epal: PalletModel) -> None:
     shot, before = portrait(epal, POSE), (0.35, 0.61)
     free, seen = (measure_face(shot, POSE, epal, REACH, spans) for spans in ((), (before,)))
     assert isinstance(free, SeenFace)

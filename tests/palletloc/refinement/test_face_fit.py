@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -73,9 +73,7 @@ def measured(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 PRIOR = FacePrior(FLOOR, TRUE_YAW, 0.1)
 
 
-def test_from_the_result_of_another_fit_one_round_may_do(
-    measured: list[Any], portrait: Portrait, t11: PalletModel
-) -> None:
+def test_from_another_fits_result_one_round_may_do(measured: list[Any], portrait: Portrait, t11: PalletModel) -> None:
     shot = portrait(t11, POSE)
     there = estimate(shot, t11)
     for start, least, most in ((there.forklift_from_pallet, 1, 1), (moved(POSE, 0.008, -0.012), 2, 5)):
@@ -120,9 +118,7 @@ def test_a_fit_that_is_cut_short_says_how_far_off_it_may_be(portrait: Portrait, 
 
 
 @pytest.mark.parametrize(("right", "depth"), [(0.006, 0.0), (-0.006, 0.0), (0.0, 0.012), (0.004, -0.012)])
-def test_starts_some_millimetres_apart_lead_to_the_same_pose(
-    right: float, depth: float, portrait: Portrait, t11: PalletModel
-) -> None:
+def test_near_starts_lead_to_one_pose(right: float, depth: float, portrait: Portrait, t11: PalletModel) -> None:
     shot = portrait(t11, POSE)
     straight, aside = (estimate(shot, t11, start) for start in (POSE, moved(POSE, right, depth)))
     apart = error(aside, straight.forklift_from_pallet)
@@ -214,10 +210,8 @@ def seen_point(point: Sequence[float], camera: FloatArray, yaw: float) -> FloatA
     return reached
 
 
-def measured_line(
-    line: FaceLine, model: PalletModel, camera: Camera, yaw: float, off: float, sigma: float
-) -> MeasuredEdge:
-    """What is measured_line of a line of a turned face, with a slope that is wrong by some."""
+def line_of(line: FaceLine, model: PalletModel, camera: Camera, yaw: float, off: float, sigma: float) -> MeasuredEdge:
+    """What is line_of of a line of a turned face, with a slope that is wrong by some."""
     edge: FaceEdge = line.whole
     center = np.array(camera)
     ends = [seen_point(point, center, yaw) - point for point in (edge.start, edge.end)]
@@ -237,7 +231,7 @@ def turned(
 ) -> SeenFace:
     lines = [line for line in face_lines(model) if line.kind in kinds]
     wrong = off or {}
-    edges = tuple(measured_line(line, model, camera, yaw, wrong.get(line.kind, 0.0), sigma) for line in lines)
+    edges = tuple(line_of(line, model, camera, yaw, wrong.get(line.kind, 0.0), sigma) for line in lines)
     return SeenFace(np.array(camera), np.eye(4), tuple(line.whole for line in lines), edges, len(edges))
 
 
@@ -317,9 +311,7 @@ def test_the_upper_edge_has_no_say_where_a_load_may_begin_there(epal: PalletMode
 
 
 @pytest.mark.parametrize("turn", [0.0, -0.1])
-def test_on_a_pallet_on_the_floor_the_lines_agree_with_the_truth(
-    model: PalletModel, turn: float, portrait: Callable[..., Shot]
-) -> None:
+def test_on_the_floor_the_lines_agree_with_the_truth(model: PalletModel, turn: float, portrait: Portrait) -> None:
     pose = replace(POSE, yaw=POSE.yaw + turn)
     fit = measure_refined(portrait(model, pose), Candidate(model, pose, FLOOR), CONFIG).fit
     assert fit is not None

@@ -24,7 +24,7 @@ from palletloc.refinement.hypotheses import (
 from palletloc.refinement.patch import FacePatch, view_patch
 from palletloc.refinement.samples import face_samples
 from palletloc.shot import MIN_DISTANCE
-from tests.palletloc.poses import POSE, Portrait, blanked, moved, slid
+from tests.palletloc.poses import POSE, Paints, Portrait, blanked, moved, slid
 
 CONFIG = SearchConfig()
 EVERY = SearchConfig(kept=10_000, peaks=12, min_score=-1e3, min_share=-1e3, apart=1e-9, apart_deg=1e-9)
@@ -75,9 +75,7 @@ def nearest(found: HypothesisScores, truth: LevelPose) -> tuple[float, float]:
     ],
     ids=str,
 )
-def test_the_true_pose_has_a_better_score_than_any_other(
-    model: PalletModel, motion: dict[str, float], portrait: Portrait
-) -> None:
+def test_the_true_pose_scores_best(model: PalletModel, motion: dict[str, float], portrait: Portrait) -> None:
     patch = patch_at(portrait(model, POSE), POSE)
     assert score_pose(patch, model, POSE) > score_pose(patch, model, moved(POSE, **motion)) + 0.05
 
@@ -89,9 +87,7 @@ def test_scores_are_at_most_1_and_a_pallet_is_far_from_nothing(model: PalletMode
 
 
 @pytest.mark.parametrize("off", [{"right": 0.05}, {"depth": 0.1}, {"up": 0.03, "depth": -0.1}], ids=str)
-def test_a_pose_scores_about_the_same_on_any_plane_nearby(
-    off: dict[str, float], portrait: Portrait, t11: PalletModel
-) -> None:
+def test_a_pose_scores_alike_on_any_plane_nearby(off: dict[str, float], portrait: Portrait, t11: PalletModel) -> None:
     shot = portrait(t11, POSE)
     here = score_pose(patch_at(shot, POSE), t11, POSE)
     there = score_pose(patch_at(shot, moved(POSE, **off)), t11, POSE)
@@ -111,7 +107,7 @@ def test_a_single_hypothesis_is_scored_as_its_pose_is(right: float, portrait: Po
 
 
 @pytest.mark.parametrize(("depth", "turn_deg"), [(0.0, 0.0), (0.2, 10.0), (-0.2, -10.0), (0.2, -10.0)])
-def test_a_wide_grid_has_a_peak_at_the_truth(
+def test_a_wide_grid_peaks_at_the_truth(
     model: PalletModel, depth: float, turn_deg: float, portrait: Portrait
 ) -> None:
     shot = portrait(model, POSE)
@@ -191,9 +187,7 @@ def test_where_no_level_is_known_the_height_is_found_too(rise: float, portrait: 
 
 
 @pytest.mark.parametrize("part", [0.93, 1.08])
-def test_a_pallet_is_found_on_the_viewing_ray_of_a_start_at_another_height(
-    part: float, portrait: Portrait, epal: PalletModel
-) -> None:
+def test_from_another_height_a_pallet_is_found_on_its_ray(part: float, portrait: Portrait, epal: PalletModel) -> None:
     shot = portrait(epal, POSE)
     grid = replace(grid_of(np.zeros(1), np.linspace(0.85, 1.15, 31), np.zeros(1)), sliding=True)
     patch = patch_at(shot, slid(shot, POSE, part))
@@ -219,7 +213,6 @@ MOUNTED = RigidTransform.from_components([0.3, -0.1, 1.2], Rotation.from_euler("
 BASE = LevelPose(0.9, 2.2, 0.3, 1.4)
 SHOWN = (-0.8, 0.8, -0.15, 0.45)
 RESOLUTION = 0.006
-Paints = Callable[..., Image]
 
 
 def camera_from_plane(base: LevelPose = BASE) -> FloatArray:

@@ -105,9 +105,7 @@ def induced(mounting: Mounting, errors: FloatArray) -> FloatArray:
 
 @pytest.mark.parametrize("unknown", range(4))
 @pytest.mark.parametrize("slopes", [False, True])
-def test_a_small_motion_is_recovered_from_where_the_edges_went(
-    unknown: int, slopes: bool, t11: PalletModel, mounting: Mounting
-) -> None:
+def test_edges_tell_a_small_motion(unknown: int, slopes: bool, t11: PalletModel, mounting: Mounting) -> None:
     motion = STEP * np.eye(4)[unknown]
     system = FaceEquations(seen_face(t11, mounting, motion), POSE, mounting, t11)
     if slopes:
@@ -146,9 +144,7 @@ def test_a_wrong_mounting_moves_the_pallet_as_geometry_says(axis: int, t11: Pall
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2, 5], ids=["x", "y", "z", "yaw"])
-def test_the_covariance_holds_the_motion_that_the_mountings_error_makes(
-    axis: int, t11: PalletModel, mounting: Mounting
-) -> None:
+def test_the_covariance_holds_the_motion_of_a_mounting_error(axis: int, t11: PalletModel, mounting: Mounting) -> None:
     sigma = 0.002 * np.eye(6)[axis]
     uncertain = Mounting(mounting.forklift_from_camera, tuple(sigma[:3]), tuple(sigma[3:]))
     solution = FaceEquations(seen_face(t11, mounting, sigma=1e-7), POSE, uncertain, t11).solve()
@@ -182,9 +178,7 @@ def test_a_known_height_pulls_the_depth_as_the_camera_looks_down(t11: PalletMode
 
 
 @pytest.mark.parametrize(("name", "unknown"), [("height", 1), ("turn", 3), ("yaw", 3)])
-def test_what_is_known_beforehand_rules_where_edges_say_little(
-    name: str, unknown: int, t11: PalletModel, mounting: Mounting
-) -> None:
+def test_priors_rule_where_edges_say_little(name: str, unknown: int, t11: PalletModel, mounting: Mounting) -> None:
     system = FaceEquations(seen_face(t11, mounting, sigma=10.0), POSE, exact(mounting), t11)
     if name == "height":
         system.add_height(0.004, 0.002)
@@ -197,9 +191,7 @@ def test_what_is_known_beforehand_rules_where_edges_say_little(
     assert np.sqrt(solution.covariance[unknown, unknown]) == pytest.approx(0.002, rel=1e-2)
 
 
-def test_a_yaw_from_a_line_shares_the_mountings_error_and_a_known_turn_does_not(
-    t11: PalletModel, mounting: Mounting
-) -> None:
+def test_a_lines_yaw_shares_a_mountings_error_and_a_known_turn_does_not(t11: PalletModel, mounting: Mounting) -> None:
     turned = Mounting(mounting.forklift_from_camera, (0.0, 0.0, 0.0), (0.0, 0.0, 0.005))
     sigmas = []
     for add in ("add_yaw", "add_turn"):

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -14,7 +14,7 @@ from palletloc import LevelPose, Mounting, Opening, PalletModel, Shot
 from palletloc.cameras import Pinhole
 from palletloc.edge_fit import EdgeFit, EdgePeaks
 from palletloc.face import EdgeKind, FaceEdge, face_lines
-from palletloc.geometry import FloatArray, Image
+from palletloc.geometry import FloatArray
 from palletloc.plane import PALLET_FROM_VERTICAL
 from palletloc.refinement.occlusion import (
     BINS,
@@ -29,6 +29,7 @@ from palletloc.refinement.occlusion import (
 )
 from palletloc.refinement.patch import FacePatch, view_patch
 from palletloc.refinement.profiles import FaceCuts, face_cuts
+from tests.palletloc.poses import Paints
 
 OPENINGS = tuple(Opening(center, 0.022, 0.3825, 0.1) for center in (-0.26375, 0.26375))
 MODEL = PalletModel("two_openings", 1.2, 0.144, 0.8, OPENINGS)
@@ -257,7 +258,6 @@ CAMERA = Pinhole(640, 480, 380.0, 380.0, 319.5, 239.5)
 MOUNTED = RigidTransform.from_components([0.3, -0.1, 1.0], Rotation.from_euler("ZYX", [1.2, 0.25, 0.02]))
 POSE = LevelPose(0.9, 2.2, 0.3, 1.4)
 FACE, FLOOR, GRAIN = 170.0, 90.0, 6.0
-Paints = Callable[..., Image]
 
 
 def seen(paint_plane: Paints, before: dict[tuple[float, float, float], float], aside: float = 0.0) -> FacePatch:
@@ -301,9 +301,7 @@ def test_each_hidden_stretch_is_judged_by_itself(paint_plane: Paints, epal: Pall
     assert found == pytest.approx(0.2 / epal.width)
 
 
-def test_nothing_is_explained_where_nothing_is_hidden_or_nothing_is_left(
-    paint_plane: Paints, epal: PalletModel
-) -> None:
+def test_nothing_is_explained_where_nothing_is_hidden_or_left(paint_plane: Paints, epal: PalletModel) -> None:
     patch = seen(paint_plane, {(-0.4, -0.2, -1.0): 230.0})
     assert explained_part(patch, epal, POSE, []) == 0.0
     assert explained_part(patch, epal, POSE, [(-0.6, 0.6)]) == 0.0

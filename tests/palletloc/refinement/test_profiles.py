@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
 from dataclasses import fields, replace
 from typing import NamedTuple
 
@@ -16,10 +15,10 @@ from palletloc.geometry import BoolArray, FloatArray, Image
 from palletloc.plane import PALLET_FROM_VERTICAL
 from palletloc.projection import pixel_sizes
 from palletloc.refinement.profiles import FEWEST_CUTS, MOST_CUTS, FaceCuts, Profiles, cut_profiles, face_cuts
+from tests.palletloc.poses import Shoots
 
 BOX = PalletModel("box", 1.0, 0.4, 1.0, (Opening(-0.2, 0.1, 0.2, 0.2), Opening(0.2, 0.1, 0.2, 0.2)))
 REACH = 0.03
-Shoots = Callable[..., Image]
 
 
 @pytest.fixture
@@ -322,9 +321,7 @@ def test_another_model_has_other_cuts_even_under_the_same_name(t11: PalletModel,
 
 
 @pytest.mark.parametrize("spacing", [1e-5, 10.0])
-def test_however_close_or_far_the_camera_a_stretch_has_some_cuts_and_not_too_many(
-    spacing: float, epal: PalletModel
-) -> None:
+def test_however_far_the_camera_a_stretch_has_some_cuts_and_not_too_many(spacing: float, epal: PalletModel) -> None:
     cuts = face_cuts(epal, spacing, spacing, False)
     stretches = sum(len(line.edges) for line in cuts.lines)
     assert len(cuts.inner) == stretches * (MOST_CUTS if spacing < 1e-3 else FEWEST_CUTS)

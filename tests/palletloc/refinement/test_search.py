@@ -107,9 +107,7 @@ def test_far_starts_lead_to_the_pallet_in_pictures_from_all_around(
 
 
 @pytest.mark.parametrize(("turn_deg", "along"), [(0.0, 0.0), (4.0, 0.06), (-4.0, -0.06)])
-def test_near_starts_lead_to_the_pallet_at_once(
-    turn_deg: float, along: float, portrait: Portrait, epal: PalletModel
-) -> None:
+def test_near_starts_lead_there_at_once(turn_deg: float, along: float, portrait: Portrait, epal: PalletModel) -> None:
     shot = portrait(epal, POSE)
     found = looked(shot, off(shot, POSE, turn_deg, along), epal, config=NEAR)
     assert isinstance(found, Search)

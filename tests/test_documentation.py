@@ -1,7 +1,5 @@
 """What the pages say about the program, compared with the program."""
 
-from __future__ import annotations
-
 import importlib
 import re
 from dataclasses import fields, is_dataclass

@@ -1,7 +1,5 @@
 """Whether an installation works: short ways through all three packages, each to its end."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from importlib.resources import files

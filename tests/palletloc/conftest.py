@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
@@ -10,17 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from palletloc import (
-    LevelPose,
-    Localizer,
-    LocalizerConfig,
-    Method,
-    Mounting,
-    Opening,
-    PalletModel,
-    Shot,
-    load_library,
-)
+from palletloc import LevelPose, Localizer, LocalizerConfig, Method, Mounting, Opening, PalletModel, Shot
 from palletloc.cameras import CameraModel, Equirectangular, Pinhole
 from palletloc.geometry import FloatArray
 from palletloc.plane import PlaneGrid, PlaneView
@@ -115,16 +103,6 @@ def model(request: pytest.FixtureRequest) -> PalletModel:
 def models(epal: PalletModel, t11: PalletModel, open_below: PalletModel) -> tuple[PalletModel, ...]:
     """Return all three."""
     return (epal, t11, open_below)
-
-
-@pytest.fixture(
-    params=["epal", "t11", "open_below", *load_library().values()],
-    ids=lambda param: getattr(param, "name", "own-" + str(param)),
-)
-def any_model(request: pytest.FixtureRequest) -> PalletModel:
-    """Return each of the three and each pallet of the library in turn."""
-    found: PalletModel | str = request.param
-    return request.getfixturevalue(found) if isinstance(found, str) else found
 
 
 @pytest.fixture(scope="session")

@@ -1,7 +1,5 @@
 """A pose, priors and motions that tests of the localizer share, and the types of their fixtures."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The methods to compare with: the chain on planes, and the paper's as they are written."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

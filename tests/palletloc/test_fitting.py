@@ -1,7 +1,5 @@
 """Fits from several starts: which are tried, which is kept, and what the others leave in doubt."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any

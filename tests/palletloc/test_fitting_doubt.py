@@ -1,7 +1,5 @@
 """What makes a fit less certain, or has it refused: level lines, missing uprights, and likelier rivals."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Angles, poses, planes, footprints, mountings and trajectories."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

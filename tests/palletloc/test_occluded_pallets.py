@@ -1,7 +1,5 @@
 """Pallets with a post or a carton before part of the face: measured as well as the covariance says, or refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import cv2

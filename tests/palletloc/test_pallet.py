@@ -1,7 +1,5 @@
 """Which faces can be built, and bad files of them: one line with file, line or key, and what was expected."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """What the method reaches on recordings with exact truth, and whether its covariances tell the truth."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Other explanations of the image in a fit's place: when there is one, and how likely it is against the fit."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Shots, candidates and what is measured are values; views of a shot, and its exposure."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import FrozenInstanceError, fields, is_dataclass, replace
 from enum import StrEnum

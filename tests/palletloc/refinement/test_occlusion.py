@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -54,7 +52,7 @@ class Face:
     fits: list[EdgeFit | None]
 
     @staticmethod
-    def drawn() -> Face:
+    def drawn() -> "Face":
         cuts = face_cuts(MODEL, 0.005, 0.005, False)
         strength = cuts.by_line(np.full(len(cuts.along), LINE.strength), -1.0)
         return Face(cuts, np.zeros_like(strength), strength, [LINE] * len(cuts.lines))

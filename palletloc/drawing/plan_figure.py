@@ -213,14 +213,7 @@ def _draw_table(figure: Figure, top: float, pallets: Sequence[Placed]) -> None:
         cells += [f"{TIMES} {times}" for times in _magnifications(covariance)]
         for cell, (_, at, align) in zip(cells, _COLUMNS, strict=True):
             text = axes.text(
-                at,
-                row,
-                cell.replace("-", MINUS),
-                ha=align,
-                va="center",
-                size=9.5,
-                color=INK,
-                parse_math=False,
+                at, row, cell.replace("-", MINUS), ha=align, va="center", size=9.5, color=INK, parse_math=False
             )
             if at == _COLUMNS[0][1]:
                 text.set(color=colors[name], weight="bold")

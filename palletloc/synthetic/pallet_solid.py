@@ -204,10 +204,7 @@ class PalletBody:
                 for left, right in self.stands
             ]
             pieces += [
-                (
-                    np.array([start, -o.center - o.width / 2, 0.0]),
-                    np.array([end, -o.center + o.width / 2, o.bottom]),
-                )
+                (np.array([start, -o.center - o.width / 2, 0.0]), np.array([end, -o.center + o.width / 2, o.bottom]))
                 for o in self.model.openings
                 if not o.open_below
             ]

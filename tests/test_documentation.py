@@ -52,8 +52,10 @@ def long_options(command: Command) -> set[str]:
     return {name for leaf in below for option in leaf.params for name in option.opts if name[:2] == "--"}
 
 
-def test_every_reason_has_a_section_and_no_other_has() -> None:
+def test_every_reason_and_stage_is_listed_and_no_other() -> None:
     assert sorted(re.findall(r"^### (.+)$", REFUSALS, re.MULTILINE)) == sorted(Reason)
+    rows = re.findall(r"^\| `(\w+)` \|", sections(REFUSALS, "##")["Stages"], re.MULTILINE)
+    assert rows == [str(stage) for stage in Stage]
 
 
 def test_every_reason_is_explained_with_cause_and_remedy() -> None:
@@ -62,11 +64,6 @@ def test_every_reason_is_explained_with_cause_and_remedy() -> None:
         meaning, *points = re.split(r"^- ", text.strip(), flags=re.MULTILINE)
         assert meaning.strip().endswith("."), reason
         assert [point.split(":")[0] for point in points] == ["**Cause", "**Remedy"], reason
-
-
-def test_every_stage_has_a_row_and_no_other_has() -> None:
-    rows = re.findall(r"^\| `(\w+)` \|", sections(REFUSALS, "##")["Stages"], re.MULTILINE)
-    assert rows == [str(stage) for stage in Stage]
 
 
 @pytest.mark.parametrize("page", [REFUSALS + CLI, PIPELINE], ids=["refusals", "pipeline"])
@@ -83,11 +80,8 @@ def test_parameters_are_named_where_they_help() -> None:
     assert len([section for section, _ in re.findall(r"`(\w+)\.(\w+)`", PIPELINE) if section in SECTIONS]) > 20
 
 
-def test_every_command_has_a_section_and_no_other_has() -> None:
+def test_every_command_has_a_section_with_its_options_and_no_others() -> None:
     assert set(sections(CLI, "##")) == {f"palletloc {command.name}" for command in COMMANDS}
-
-
-def test_every_option_of_a_command_is_in_its_section_and_no_other_is() -> None:
     for command in COMMANDS:
         rows = re.findall(r"^\| (.*?) \|", sections(CLI, "##")[f"palletloc {command.name}"], re.MULTILINE)
         described = set(re.findall(r"--[a-z]+(?:-[a-z]+)*", " ".join(rows)))
@@ -110,14 +104,11 @@ def test_the_example_of_a_file_of_parameters_can_be_read(tmp_path: Path) -> None
     assert hits == yaml.safe_load(example)["tracker"]["life"]["confirm_hits"]
 
 
-def test_the_columns_of_every_table_are_listed() -> None:
+def test_the_columns_of_every_table_and_every_event_are_listed() -> None:
     lines = (DOCS / "files.md").read_text(encoding="utf-8").splitlines()
     assert [
         name for name in (TRACK_COLUMNS, EVENT_COLUMNS, ERROR_COLUMNS) if f"`{','.join(name)}`" not in lines
     ] == []
-
-
-def test_every_event_is_explained() -> None:
     (section,) = re.findall(
         r"^### events.csv\n(.*?)^##", (DOCS / "files.md").read_text(encoding="utf-8"), re.M | re.S
     )
@@ -133,15 +124,15 @@ def test_every_public_name_is_listed_with_the_first_line_of_its_docstring(packag
     assert dict(re.findall(r"^\| `(\w+)` \| (.+) \|$", section, re.MULTILINE)) == first
 
 
-def test_every_module_that_is_named_exists() -> None:
+def test_modules_plots_and_steps_with_parameters_are_described_and_exist() -> None:
     named = set(re.findall(r"`(palletloc(?:\.\w+)+)`", PIPELINE))
     assert len(named) > 20
     assert [name for name in sorted(named) if not importlib.import_module(name).__doc__] == []
-
-
-def test_every_step_with_parameters_is_described() -> None:
     described = {section for section, _ in re.findall(r"`(\w+)\.(\w+)`", PIPELINE)}
     assert described >= SECTIONS - {"joint_search"}
+    scripts = re.findall(r"^\.\. plot:: (\S+)$", PIPELINE, re.MULTILINE)
+    assert scripts
+    assert all((DOCS / script).is_file() for script in scripts)
 
 
 def test_every_method_has_its_row_in_every_table_of_accuracy() -> None:
@@ -149,12 +140,6 @@ def test_every_method_has_its_row_in_every_table_of_accuracy() -> None:
     assert tables
     for table in tables:
         assert set(re.findall(r"\| (\w+) \| \d+ \|", table)) == {str(method) for method in Method}
-
-
-def test_every_plot_has_its_script() -> None:
-    scripts = re.findall(r"^\.\. plot:: (\S+)$", PIPELINE, re.MULTILINE)
-    assert scripts
-    assert all((DOCS / script).is_file() for script in scripts)
 
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -49,20 +49,14 @@ def test_each_class_and_size_counts_its_own() -> None:
     assert len(table(shots).rows) == 4
 
 
-def test_errors_are_in_the_units_of_their_columns() -> None:
+def test_errors_have_their_columns_units_nees_its_percentiles_and_misses_nothing() -> None:
     floor = row(table([ShotViews(True, (view(1.0),), ())]), "floor")
     assert floor["yaw deg"] == pytest.approx((0.1, 0.1, 0.1))
     assert floor["depth mm"] == pytest.approx((10.0, 10.0, 10.0))
     assert floor["along mm"] == pytest.approx((20.0, 20.0, 20.0))
-
-
-def test_nees_is_given_as_mean_median_and_95_percent() -> None:
     views = tuple(view(float(nees)) for nees in range(101))
     nees = row(table([ShotViews(True, (*views, view(150.0)), ())]), "floor")["NEES"]
     assert nees == pytest.approx(((5050 + 150) / 102, 50.5, np.percentile([*range(101), 150], 95)))
-
-
-def test_what_is_not_found_has_no_errors() -> None:
     floor = row(table([ShotViews(True, (view(None),), ())]), "floor")
     assert (floor["recall"], floor["NEES"], floor["yaw deg"]) == (0.0, None, None)
 

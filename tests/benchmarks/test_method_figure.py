@@ -67,8 +67,7 @@ def test_errors_stand_at_their_shots_pallets_far_below_apart(recording: Recordin
 
 def test_the_table_says_what_was_found_and_how_well(recording: Recording) -> None:
     runs = {"good": [measured(time, 0.002, 0.001) for time in TIMES], "blind": []}
-    figure = method_figure(recording, TRUTH, runs)
-    cells = [text.get_text() for text in figure.axes[2].texts]
+    cells = [text.get_text() for text in method_figure(recording, TRUTH, runs).axes[2].texts]
     assert cells.count("3 of 3") == 1
     assert cells.count("0 of 3") == 1
     assert f"{np.degrees(0.001):.2f} / {np.degrees(0.001):.2f}" in cells
@@ -88,12 +87,9 @@ def test_texts_of_the_table_do_not_cover_each_other(recording: Recording) -> Non
         assert not any(box.overlaps(other) for i, box in enumerate(boxes) for other in boxes[:i])
 
 
-def test_pallets_at_one_height_only_fill_the_page(recording: Recording) -> None:
+def test_one_height_only_fills_the_page_and_an_error_of_nothing_is_drawn_at_the_border(recording: Recording) -> None:
     figure = method_figure(recording, Truth(FORKLIFT, (LOW,)), {"a": [measured(0.0, 0.01, 0.01)]})
     assert sum(axes.get_yscale() == "log" for axes in figure.axes) == 2
-
-
-def test_an_error_of_nothing_is_drawn_at_the_border(recording: Recording) -> None:
     figure = method_figure(recording, TRUTH, {"a": [measured(0.0, 0.0, 0.0)]})
     assert all(np.isfinite(line).all() and (line[:, 1] > 0).all() for line in drawn(figure, "#0072b2")[0])
 

@@ -103,15 +103,12 @@ def test_an_error_counts_in_the_covariances_units() -> None:
     assert [error.nees for error in errors] == pytest.approx([4.0])
 
 
-def test_refusals_and_misses_differ() -> None:
+def test_refusals_misses_and_rows_where_no_pallet_stands_differ() -> None:
     face = next(face for face in exposure().faces if face.visible)
     found = fit(face.forklift_from_pallet, face.model)
     seen = looked([Refusal(found.candidate, Stage.VERIFICATION, Reason.LOW_CONTRAST, found)])
     assert all(view.error is None for view in seen.views)
     assert [view.face.id for view in seen.views if view.refused] == [face.id]
-
-
-def test_a_row_where_no_pallet_stands_is_false_at_its_height() -> None:
     model = exposure().recording.models[0].name
     assert looked([fit(LevelPose(AWAY, AWAY, 0.0, 0.0), model)]).false == (HeightClass.FLOOR,)
 
@@ -252,26 +249,17 @@ def test_points_lie_on_the_solid_parts_of_the_face(model: PalletModel) -> None:
         assert (across & (z > opening.top)).any()
 
 
-def test_a_face_with_nothing_before_it_is_not_hidden() -> None:
+def test_what_stands_before_a_face_hides_it_and_nothing_else_does_even_at_the_seam() -> None:
     assert hidden() == 0.0
+    assert hidden(Box(LevelPose(1.7, 0.0, 0.5, 0.0), (0.02, 3.0, 1.0), WHITE)) == 1.0
+    assert hidden(Box(LevelPose(3.5, 0.0, 0.5, 0.0), (0.1, 3.0, 1.0), WHITE)) == 0.0
+    assert hidden(yaw_deg=180.0) == 0.0
 
 
 @pytest.mark.parametrize("side", [-1, 1])
 def test_what_stands_before_one_half_hides_that_half(side: int) -> None:
     screen = Box(LevelPose(1.8, side * 0.45, 0.5, 0.0), (0.02, 0.9, 1.0), WHITE)
     assert hidden(screen) == pytest.approx(0.5, abs=0.06)
-
-
-def test_what_stands_before_all_of_it_hides_it() -> None:
-    assert hidden(Box(LevelPose(1.7, 0.0, 0.5, 0.0), (0.02, 3.0, 1.0), WHITE)) == 1.0
-
-
-def test_what_stands_behind_hides_nothing() -> None:
-    assert hidden(Box(LevelPose(3.5, 0.0, 0.5, 0.0), (0.1, 3.0, 1.0), WHITE)) == 0.0
-
-
-def test_a_face_across_the_seam_is_whole() -> None:
-    assert hidden(yaw_deg=180.0) == 0.0
 
 
 @pytest.mark.parametrize("kind", [CameraKind.PINHOLE, CameraKind.KANNALA_BRANDT])

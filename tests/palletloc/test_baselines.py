@@ -165,7 +165,9 @@ def test_the_paper_has_no_answer_for_a_pallet_level_with_the_camera(rack_shot: S
     assert (outcome.stage, outcome.reason, outcome.fit) == (Stage.YAW, Reason.NO_LINE, None)
 
 
-def test_the_papers_yaw_is_houghs_angle(portrait: Portrait, t11: PalletModel) -> None:
+def test_the_papers_yaw_is_houghs_angle_and_its_sweep_has_no_height_prior(
+    portrait: Portrait, t11: PalletModel
+) -> None:
     fit = found(measured(measure_as_in_paper, portrait(t11, POSE), t11, replace(POSE, yaw=POSE.yaw + 0.03)))
     assert len(steps_of(fit, HorizontalView)) == 2
     assert len(steps_of(fit, BoundaryLine)) == 1
@@ -173,9 +175,6 @@ def test_the_papers_yaw_is_houghs_angle(portrait: Portrait, t11: PalletModel) ->
     assert fit.yaw_from is YawSource.BOTTOM
     steps = np.degrees(fit.pose.yaw - POSE.yaw - 0.03) / CONFIG.yaw.hough_step_deg
     assert steps == pytest.approx(round(steps), abs=1e-6)
-
-
-def test_the_papers_sweep_has_no_height_prior(portrait: Portrait, t11: PalletModel) -> None:
     shot = portrait(t11, POSE)
     known, free = (found(measured(measure_as_in_paper, shot, t11, POSE, height)) for height in (FLOOR, None))
     assert known.pose == free.pose

@@ -58,14 +58,13 @@ def test_the_most_promising_detection_of_each_model_is_its_pallet(floor_shot: Sh
         assert promises == sorted(promises, reverse=True)
 
 
-def test_without_levels_the_whole_plane_is_searched(rack_shot: Shot, rack_pallets: Pallets) -> None:
+def test_each_band_is_searched_where_there_are_levels_and_else_the_whole_plane(
+    rack_shot: Shot, rack_pallets: Pallets
+) -> None:
     found, views = detected(rack_shot, [rack_pallets[0][0]], replace(SHELF, levels=()))
     assert len(views) == 1
     assert all(detection.level is None for detection in found)
     assert all(hits(found, model, pose) for model, pose in rack_pallets)
-
-
-def test_with_levels_each_band_is_searched_for_what_stands_there(rack_shot: Shot, rack_pallets: Pallets) -> None:
     levels = tuple(pose.z for _, pose in rack_pallets)
     found, views = detected(rack_shot, [rack_pallets[0][0]], replace(SHELF, levels=levels))
     assert len(views) == len(levels)
@@ -218,14 +217,12 @@ def test_a_turned_face_is_found_at_its_yaw(yaw: float, epal: PalletModel, draw_f
     yaws = np.arange(-0.12, 0.121, 0.01)
     placement = FacePlacement(np.ones((1, 1)).repeat(len(yaws), 0), yaws[:, None], np.zeros((1, 1)))
     score = match_template(template_of(view, epal), GRID, CAMERA, placement, PLACES)
-    best = np.unravel_index(score.argmax(), score.shape)
-    assert yaws[best[0]] == pytest.approx(yaw, abs=0.021)
+    assert yaws[np.unravel_index(score.argmax(), score.shape)[0]] == pytest.approx(yaw, abs=0.021)
     assert score.max() > score[np.abs(yaws + yaw).argmin()].max() + 0.05  # the sign of the turn counts
 
 
 def test_a_drift_moves_the_places_of_each_placement(epal: PalletModel, draw_face: Draw) -> None:
-    view = draw_face(epal, GRID, CAMERA)
-    template = template_of(view, epal)
+    template = template_of(draw_face(epal, GRID, CAMERA), epal)
     placement = FacePlacement(column(1.0, 0.95), np.zeros((1, 1)), np.zeros((1, 1)))
     places = np.array([0.0, 0.03])
     drifted = match_template(template, GRID, CAMERA, placement, places, column(0.02, -0.05))
@@ -236,14 +233,12 @@ def test_a_drift_moves_the_places_of_each_placement(epal: PalletModel, draw_face
         )
 
 
-def test_a_face_shifted_by_an_opening_scores_less(epal: PalletModel, draw_face: Draw) -> None:
+def test_a_face_shifted_by_an_opening_scores_less_and_beyond_the_view_little(
+    epal: PalletModel, draw_face: Draw
+) -> None:
     view = draw_face(epal, GRID, CAMERA)
     score = match_template(template_of(view, epal), GRID, CAMERA, here(), np.array([0.0, 0.5275, -0.5275]))[0]
     assert score[0] > max(score[1:]) + 0.2
-
-
-def test_beyond_the_view_there_is_no_error(epal: PalletModel, draw_face: Draw) -> None:
-    view = draw_face(epal, GRID, CAMERA)
     score = match_template(template_of(view, epal), GRID, CAMERA, here(height=3.0), np.array([-40.0, 40.0]))
     assert np.isfinite(score).all()
     assert score.max() < 0.3
@@ -260,8 +255,7 @@ def test_where_rounded_edges_are_seen_is_taken_into_account(t11: PalletModel) ->
 
 def test_places_may_outnumber_placements_and_each_is_scored_alike(epal: PalletModel, draw_face: Draw) -> None:
     template = template_of(draw_face(epal, GRID, CAMERA), epal)
-    scales = np.linspace(0.95, 1.05, 3)
-    few = FacePlacement(scales[:, None], np.zeros((1, 1)), np.zeros((1, 1)))
+    few = FacePlacement(np.linspace(0.95, 1.05, 3)[:, None], np.zeros((1, 1)), np.zeros((1, 1)))
     score = match_template(template, GRID, CAMERA, few, PLACES)
     assert score.shape == (3, len(PLACES))
     for column_of, place in enumerate(PLACES):
@@ -270,8 +264,7 @@ def test_places_may_outnumber_placements_and_each_is_scored_alike(epal: PalletMo
 
 
 def test_weighted_sums_add_up_what_is_given_in_any_order() -> None:
-    rng = np.random.default_rng(0)
-    fields = rng.integers(0, FULL + 1, (6, 4, 5), dtype=np.uint8)
+    fields = np.random.default_rng(0).integers(0, FULL + 1, (6, 4, 5), dtype=np.uint8)
     weights = [0.1, -0.2, 0.1, 0.3, -0.2, 0.5]
     for order in (range(6), (5, 3, 1, 0, 2, 4)):
         sums = WeightedSums((4, 5))

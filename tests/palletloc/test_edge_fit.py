@@ -56,16 +56,13 @@ def test_a_drawn_edge_is_measured_to_a_small_part_of_a_pixel(offset_px: float, s
     assert fit.coverage > 0.95
 
 
-def test_offsets_count_in_the_direction_across() -> None:
+def test_offsets_count_in_the_direction_across_upright_or_level() -> None:
     image = step_image(1.3 * PIXEL, 0.01)
     up, down = (fitted(peaks_of(image, across)) for across in (UP, DOWN))
     assert up is not None
     assert down is not None
     assert down.offset == pytest.approx(-up.offset, abs=0.02 * PIXEL)
     assert down.slope == pytest.approx(-up.slope, abs=1e-4)
-
-
-def test_an_upright_edge_is_measured_like_a_level_one() -> None:
     grid = PlaneGrid.spanning(-0.1, 0.1, -0.6, 0.6, PIXEL)
     turned = np.ascontiguousarray(step_image(-0.7 * PIXEL, 0.01)[::-1, ::-1].T)  # right and up exchanged
     gradient = gradient_across(turned.astype(np.uint8), False, 1.0, 1.0)
@@ -76,7 +73,7 @@ def test_an_upright_edge_is_measured_like_a_level_one() -> None:
     assert fit.slope == pytest.approx(0.01, abs=2e-4)
 
 
-def test_the_sigmas_tell_the_scatter_of_the_results() -> None:
+def test_the_sigmas_tell_the_scatter_of_the_results_and_grow_with_noise() -> None:
     truth_offset, truth_slope, sigma = 0.3 * PIXEL, 0.004, 14.0
     image = step_image(truth_offset, truth_slope, contrast=50.0)
     fits = [line(noisy(image, sigma, seed)) for seed in range(60)]
@@ -84,9 +81,6 @@ def test_the_sigmas_tell_the_scatter_of_the_results() -> None:
     slopes = np.array([(fit.slope - truth_slope) / fit.sigma_slope for fit in fits])
     for normalised in (offsets, slopes):
         assert 0.3 < np.mean(normalised**2) < 3.0
-
-
-def test_more_noise_gives_larger_sigmas() -> None:
     quiet, loud = (line(noisy(step_image(0.0), sigma)) for sigma in (4.0, 12.0))
     assert quiet.sigma_offset < loud.sigma_offset
     assert quiet.sigma_slope < loud.sigma_slope
@@ -101,15 +95,14 @@ def test_a_fifth_of_the_edge_elsewhere_does_not_move_the_line() -> None:
     assert fit.coverage < 0.85
 
 
-def test_coverage_is_the_part_that_is_seen() -> None:
+def test_coverage_is_the_part_that_is_seen_and_strength_the_gradient_of_the_strongest_edge() -> None:
     image = step_image(0.0)
     image[:, : GRID.columns // 2] = 100.0
     assert line(image).coverage == pytest.approx(0.5, abs=0.06)
-
-
-def test_strength_is_the_gradient_of_the_edge() -> None:
     weak, strong = line(step_image(0.0, contrast=40.0)), line(step_image(0.0, contrast=120.0))
     assert strong.strength == pytest.approx(3 * weak.strength, rel=0.05)
+    image = step_image(-0.02, contrast=30.0) + step_image(0.015, contrast=70.0) - 60.0
+    assert line(image).offset == pytest.approx(0.015, abs=0.2 * PIXEL)
 
 
 @pytest.mark.parametrize("sigma", [0.0, 5.0])
@@ -118,27 +111,18 @@ def test_there_is_no_line_where_there_is_no_edge(sigma: float) -> None:
     assert all(fitted(peaks_of(noisy(plain, sigma, seed))) is None for seed in range(10))
 
 
-def test_the_slope_towards_an_edge_out_of_reach_is_no_peak() -> None:
-    image = step_image(0.04)
-    gradient = gradient_across(image.astype(np.uint8), True, 6.0, 1.0)
+def test_each_edge_has_its_own_reach_and_a_slope_towards_one_beyond_is_no_peak() -> None:
+    gradient = gradient_across(step_image(0.04).astype(np.uint8), True, 6.0, 1.0)
     near = edge_peaks(gradient, GRID, *ENDS, UP, np.array([0.02]))
     assert (near.strength == 0.0).all()
     assert fitted(near) is None
     far = edge_peaks(gradient, GRID, *ENDS, UP, np.array([0.05]))
     np.testing.assert_allclose(far.offset, 0.04, atol=0.5 * PIXEL)
-
-
-def test_each_edge_has_its_own_reach() -> None:
     gradient = gradient_across(step_image(0.02).astype(np.uint8), True, 1.0, 1.0)
     starts, ends = (np.repeat(end, 2, axis=0) for end in ENDS)
     peaks = edge_peaks(gradient, GRID, starts, ends, UP, np.array([0.01, 0.03]))
     assert (peaks.strength[0] == 0.0).all()
     np.testing.assert_allclose(peaks.offset[1], 0.02, atol=0.1 * PIXEL)
-
-
-def test_the_strongest_of_two_edges_is_taken() -> None:
-    image = step_image(-0.02, contrast=30.0) + step_image(0.015, contrast=70.0) - 60.0
-    assert line(image).offset == pytest.approx(0.015, abs=0.2 * PIXEL)
 
 
 def test_edges_measured_together_are_as_measured_alone() -> None:
@@ -160,8 +144,7 @@ def test_stretches_of_a_line_give_the_line_of_the_whole() -> None:
     single = edge_peaks(gradient, GRID, starts, ends, UP, np.full(3, REACH))
     joined = join_peaks(single, (starts + ends)[:, 0] / 2, [range(3), range(1)])
     assert joined.along.shape[0] == 2
-    fits = fit_edges(joined, np.full(2, PIXEL), np.full(2, PIXEL), REACH)
-    whole, part = fits
+    whole, part = fit_edges(joined, np.full(2, PIXEL), np.full(2, PIXEL), REACH)
     assert whole is not None
     assert part is not None
     assert whole.offset == pytest.approx(0.4 * PIXEL, abs=0.05 * PIXEL)
@@ -219,8 +202,7 @@ def test_the_spread_of_normal_residuals_is_their_standard_deviation() -> None:
 @pytest.mark.parametrize("weigh", WEIGHTS)
 def test_a_third_of_wrong_values_does_not_move_a_line(weigh: Weigh) -> None:
     rng = np.random.default_rng(0)
-    x = rng.uniform(-1, 1, 300)
-    design = np.stack([x, np.ones(300)], axis=1)
+    design = np.stack([rng.uniform(-1, 1, 300), np.ones(300)], axis=1)
     values = design @ [2.0, 3.0] + rng.normal(0, 0.01, 300)
     values[:100] += rng.choice([-1.0, 1.0], 100) * rng.uniform(0.5, 1.0, 100)
 

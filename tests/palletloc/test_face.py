@@ -45,8 +45,7 @@ def test_an_edge_parts_the_solid_from_what_is_outward_of_it(model: PalletModel) 
 def test_the_edges_of_a_sharp_face_are_its_whole_outline(model: PalletModel) -> None:
     face = sharp(model)
     holes = sum(2 * o.height + o.width * (1 if o.open_below else 2) for o in face.openings)
-    floor = sum(o.width for o in face.openings if o.open_below)
-    outline = 2 * face.width + 2 * face.height - floor
+    outline = 2 * face.width + 2 * face.height - sum(o.width for o in face.openings if o.open_below)
     assert sum(edge.length for edge in face_edges(face)) == pytest.approx(outline + holes)
 
 
@@ -97,8 +96,7 @@ def test_it_holds_for_every_pallet_of_the_library(law: Callable[[PalletModel], N
 
 
 def test_a_face_open_below_stands_on_feet(open_below: PalletModel) -> None:
-    kinds = Counter(edge.kind for edge in face_edges(open_below))
-    assert kinds[EdgeKind.OPENING_BOTTOM] == 0
+    assert Counter(edge.kind for edge in face_edges(open_below))[EdgeKind.OPENING_BOTTOM] == 0
     feet = [(e.start[0], e.end[0]) for e in face_edges(open_below) if e.kind is EdgeKind.BOTTOM]
     np.testing.assert_allclose(feet, open_below.blocks)
 
@@ -112,10 +110,6 @@ def contour(radius: float, across: float, distance: float) -> float:
     out, near = radius * (np.cos(turn) - 1), radius * (np.sin(turn) - 1)
     seen_at = across + (out - across) * distance / (distance - near)
     return float(seen_at.max())
-
-
-def right_side(model: PalletModel) -> FaceEdge:
-    return next(e for e in face_edges(model) if e.kind is EdgeKind.SIDE and e.outward[0] > 0)
 
 
 @pytest.mark.parametrize("kind", [EdgeKind.TOP, EdgeKind.SIDE, EdgeKind.OPENING_TOP, EdgeKind.OPENING_SIDE])
@@ -135,25 +129,22 @@ def test_an_edge_that_hides_its_other_surface_appears_where_rays_graze_it(
 @pytest.mark.parametrize("tangent", [-1.5, -0.4])
 def test_a_lower_edge_appears_between_its_contour_and_its_drawn_place(tangent: float, t11: PalletModel) -> None:
     edge = next(e for e in face_edges(t11) if e.kind is EdgeKind.BOTTOM)
-    camera = np.array([0.0, -2.0 * tangent, 2.0])
-    shift = edge_shift(edge, camera, t11)
+    shift = edge_shift(edge, np.array([0.0, -2.0 * tangent, 2.0]), t11)
     assert contour(t11.edge_radius, 2.0 * tangent, 2.0) < shift.mean < 0.0
 
 
 @pytest.mark.parametrize("tangent", [0.05, 0.4, 1.0, 2.0])
 def test_an_edge_with_both_surfaces_in_view_appears_on_its_rounding(tangent: float, t11: PalletModel) -> None:
-    edge, radius = right_side(t11), t11.edge_radius
-    camera = np.array([edge.middle[0] + 2.0 * tangent, 1.0, 2.0])
-    shift = edge_shift(edge, camera, t11)
-    assert -radius <= shift.mean <= radius * tangent * 1.01
+    edge = next(e for e in face_edges(t11) if e.kind is EdgeKind.SIDE and e.outward[0] > 0)
+    shift = edge_shift(edge, np.array([edge.middle[0] + 2.0 * tangent, 1.0, 2.0]), t11)
+    assert -t11.edge_radius <= shift.mean <= t11.edge_radius * tangent * 1.01
 
 
 def test_sharp_edges_are_seen_where_they_are_drawn(t11: PalletModel) -> None:
     face = sharp(t11)
     for edge in face_edges(face):
         for camera in ([-2.0, -1.0, 2.0], [2.0, 1.5, 1.0]):
-            shift = edge_shift(edge, np.array(camera), face)
-            assert shift.mean == pytest.approx(0.0, abs=1e-12)
+            assert edge_shift(edge, np.array(camera), face).mean == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.parametrize("camera", [[0.3, 1.8, 2.0], [-2.0, -0.4, 1.5], [3.0, 0.1, 2.0]])
@@ -227,13 +218,10 @@ def test_a_line_of_which_one_stretch_is_hidden_counts_by_what_was_measured(t11: 
         assert next(account.fate for account in accounts if account.edge == line.whole) is fate
 
 
-def test_what_a_beam_hides_from_below_is_not_expected(t11: PalletModel) -> None:
+def test_from_below_a_beam_hides_and_from_above_a_load_may_begin(t11: PalletModel) -> None:
     kinds = {account.edge.kind for account in account_edges(face([], [], FROM_BELOW), t11)}
     assert EdgeKind.BOTTOM not in kinds
     assert EdgeKind.TOP in kinds
-
-
-def test_a_load_may_begin_at_the_upper_edge_seen_from_above(t11: PalletModel) -> None:
     for camera, loaded in ((FROM_ABOVE, {EdgeKind.TOP}), (FROM_BELOW, set())):
         accounts = account_edges(face([], [], camera), t11)
         assert {account.edge.kind for account in accounts if account.loaded} == loaded
@@ -267,8 +255,12 @@ def moved(along_ray: float = 0.0, sideways: float = 0.0, turn: float = 0.0) -> L
     return replace(BASE, x=BASE.x + step[0], y=BASE.y + step[1], yaw=BASE.yaw + turn)
 
 
-def test_the_base_is_in_its_place() -> None:
+def test_turns_and_factors_become_yaws_and_distances_from_the_base_even_across_the_seam() -> None:
     assert AXES.place(BASE) == pytest.approx([BASE.yaw, 2.5])
+    axes = replace(AXES, base=replace(BASE, yaw=3.1))
+    assert axes.place(replace(BASE, yaw=-3.1))[0] == pytest.approx(2 * np.pi - 3.1)
+    assert AXES.yaws(np.array([-0.1, 0.2])) == pytest.approx([1.3, 1.6])
+    assert AXES.ranges(np.array([0.9, 1.2])) == pytest.approx([2.25, 3.0])
 
 
 @given(st.floats(-1.0, 1.0), st.floats(-0.3, 0.3), st.floats(-3.0, 3.0))
@@ -280,11 +272,6 @@ def test_a_step_along_the_ray_changes_the_distance_and_one_sideways_does_not(
     assert away == pytest.approx(2.5 + along_ray)
 
 
-def test_a_yaw_across_the_seam_stays_next_to_the_bases() -> None:
-    axes = replace(AXES, base=replace(BASE, yaw=3.1))
-    assert axes.place(replace(BASE, yaw=-3.1))[0] == pytest.approx(2 * np.pi - 3.1)
-
-
 def test_the_covariance_is_that_of_moved_places() -> None:
     rng = np.random.default_rng(1)
     factor = rng.normal(size=(4, 4)) * 1e-3
@@ -293,17 +280,11 @@ def test_the_covariance_is_that_of_moved_places() -> None:
     assert AXES.covariance(factor @ factor.T) == pytest.approx(np.cov(places.T), rel=0.06, abs=2e-7)
 
 
-def test_turns_and_factors_become_yaws_and_distances() -> None:
-    assert AXES.yaws(np.array([-0.1, 0.2])) == pytest.approx([1.3, 1.6])
-    assert AXES.ranges(np.array([0.9, 1.2])) == pytest.approx([2.25, 3.0])
-
-
 def test_names_run_from_left_to_right(floor_localizer: Makes, floor_shot: Shot, floor_pallets: Pallets) -> None:
     # the shelf is to the left: what is nearer ahead is farther to the right
     (left, _), (right, _) = sorted(floor_pallets, key=lambda placed: placed[1].x)
     starts = [Start(model.name, pose) for model, pose in reversed(floor_pallets)]
-    explained = floor_localizer().explain_from(floor_shot, starts, (0.0,))
-    named = dict(name_candidates(explained))
+    named = dict(name_candidates(floor_localizer().explain_from(floor_shot, starts, (0.0,))))
     assert (named["P1"].candidate.model.name, named["P2"].candidate.model.name) == (left.name, right.name)
 
 

@@ -79,13 +79,10 @@ def near(outcome: Outcome, truth: LevelPose) -> bool:
     return outcome.fit is not None and bool(np.abs(outcome.fit.pose.minus(truth)).max() < 0.03)
 
 
-def test_no_start_is_refused(pair: Shot, t11: PalletModel) -> None:
+def test_neither_no_start_nor_one_that_shows_no_pallet_at_a_glance_is_fitted(pair: Shot, t11: PalletModel) -> None:
     found = kept(pair, t11, [])
     assert isinstance(found, Refusal)
     assert (found.stage, found.reason, found.fit) == (Stage.VERIFICATION, Reason.LOW_CONTRAST, None)
-
-
-def test_starts_that_show_no_pallet_at_a_glance_are_not_fitted(pair: Shot, t11: PalletModel) -> None:
     nowhere = [LevelPose(0.9, 1.6, 0.0, np.pi / 2), LevelPose(0.9, 2.4, 0.0, np.pi / 2)]
     plain = replace(pair, image=np.full_like(pair.image, 90))
     called, found = tried(plain, t11, [*nowhere, LEFT], False)

@@ -28,12 +28,9 @@ def test_a_wrapped_angle_is_the_same_direction_within_half_a_turn(angle: float) 
     np.testing.assert_allclose([np.cos(wrapped), np.sin(wrapped)], [np.cos(angle), np.sin(angle)], atol=1e-12)
 
 
-def test_half_a_turn_is_the_negative_end() -> None:
+def test_half_a_turn_is_the_negative_end_and_arrays_are_wrapped_by_element() -> None:
     assert wrap_angle(np.pi) == -np.pi
     assert wrap_angle(-np.pi) == -np.pi
-
-
-def test_arrays_are_wrapped_element_by_element() -> None:
     several = np.linspace(-9.0, 9.0, 12).reshape(3, 4)
     expected = [[wrap_angle(float(angle)) for angle in row] for row in several]
     np.testing.assert_array_equal(wrap_angle(several), expected)
@@ -102,12 +99,9 @@ def test_a_spanning_grid_covers_its_rectangle_without_waste(
     assert bottom - resolution < last[1] <= bottom + slack
 
 
-def test_right_grows_with_columns_and_up_against_rows() -> None:
+def test_right_grows_with_columns_and_up_against_rows_and_back() -> None:
     grid = PlaneGrid(left=-1.0, top=2.0, resolution=0.5, columns=5, rows=5)
     np.testing.assert_allclose(grid.points(np.array([[1.0, 0.0], [0.0, 1.0]])), [[-0.5, 2.0], [-1.0, 1.5]])
-
-
-def test_points_and_pixels_are_inverse() -> None:
     grid = PlaneGrid(-0.7, 0.4, 0.013, 90, 60)
     pixels = np.random.default_rng(0).uniform(-20.0, 120.0, (4, 5, 2))
     np.testing.assert_allclose(grid.pixels(grid.points(pixels)), pixels, atol=1e-9)
@@ -184,12 +178,9 @@ def mounting(mounted: Mounted) -> Mounting:
     return Mounting(mounted(0.3, -0.1, 1.8, 40.0, 12.0, -5.0), (0.001, 0.002, 0.003), (0.01, 0.02, 0.03))
 
 
-def test_its_center_is_the_cameras_origin(mounting: Mounting) -> None:
+def test_its_center_is_the_cameras_origin_and_sigmas_are_translations_before_rotations(mounting: Mounting) -> None:
     np.testing.assert_allclose(mounting.center, [0.3, -0.1, 1.8])
     np.testing.assert_allclose(mounting.forklift_from_camera.apply(np.zeros(3)), mounting.center)
-
-
-def test_sigmas_are_translations_before_rotations(mounting: Mounting) -> None:
     np.testing.assert_array_equal(mounting.sigma, [0.001, 0.002, 0.003, 0.01, 0.02, 0.03])
 
 
@@ -257,13 +248,10 @@ def test_a_time_outside_is_an_error_that_names_time_and_span(time: float) -> Non
         steady(np.linspace(0, 10, 101)).pose_at(time)
 
 
-def test_a_gap_does_not_widen_the_margin() -> None:
+def test_a_single_sample_holds_at_its_own_time_only_and_a_gap_widens_no_margin() -> None:
     times = np.array([0.0, 0.1, 0.2, 0.3, 5.0])
     with pytest.raises(TrajectoryError):
         steady(times).pose_at(5.2)
-
-
-def test_a_single_sample_holds_at_its_own_time_only() -> None:
     path = Trajectory(*np.array([[2.0], [1.0], [0.5], [0.1]]))
     assert path.pose_at(2.0).x == 1.0
     with pytest.raises(TrajectoryError):
@@ -275,6 +263,7 @@ def test_a_single_sample_holds_at_its_own_time_only() -> None:
     [
         ({"times": [0.0, 2.0, 1.0]}, "times: expected strictly increasing"),
         ({"times": [0.0, 1.0, 1.0]}, "times: expected strictly increasing"),
+        ({key: [] for key in ("times", "x", "y", "yaw")}, "times"),
         ({"x": [0.0, 1.0]}, "x: expected one value per time"),
         ({"y": [0.0, float("nan"), 0.0]}, "y: a value is not finite"),
         ({"speed": [0.0, float("inf"), 0.0]}, "speed: a value is not finite"),
@@ -285,11 +274,6 @@ def test_samples_that_make_no_path_are_refused(changes: dict[str, list[float]], 
     samples = {"times": [0.0, 1.0, 2.0]} | {name: [0.0, 0.0, 0.0] for name in ("x", "y", "yaw")} | changes
     with pytest.raises(ValueError, match=said):
         Trajectory(**{name: np.array(values) for name, values in samples.items()})
-
-
-def test_an_empty_path_is_refused() -> None:
-    with pytest.raises(ValueError, match="times"):
-        Trajectory(*np.zeros((4, 0)))
 
 
 def test_the_samples_cannot_be_changed_afterwards() -> None:

@@ -33,15 +33,12 @@ def centroid(profile: FloatArray | Energy) -> float:
     return float((np.arange(len(profile)) * profile).sum() / profile.sum())
 
 
-def test_gradients_of_a_ramp_are_its_slopes() -> None:
+def test_gradients_of_a_ramp_are_its_slopes_and_the_strongest_channel_gives_them() -> None:
     columns, rows = np.meshgrid(np.arange(40), np.arange(30))
     along_rows, along_columns = component_gradients((3 * columns + 2 * rows).astype(np.uint8))
     inside = np.s_[3:-3, 3:-3]
     np.testing.assert_allclose(along_rows[inside], 3.0, atol=0.51)  # the image holds whole gray levels
     np.testing.assert_allclose(along_columns[inside], 2.0, atol=0.51)
-
-
-def test_the_strongest_channel_gives_the_gradient() -> None:
     weak, strong = step(40.0, 100, 120), step(40.0, 20, 200)
     for order in ((weak, strong, weak), (strong, weak, weak)):
         for whole, single in zip(component_gradients(np.dstack(order)), component_gradients(strong), strict=True):
@@ -55,14 +52,11 @@ def test_the_gradient_across_a_step_is_centred_on_it(row: float) -> None:
     assert gradient[20:60, 60].sum() == pytest.approx(120.0, rel=0.01)  # what the edge changes in all
 
 
-def test_there_is_no_gradient_across_an_edge_of_the_other_direction() -> None:
+def test_an_edge_is_seen_between_colours_of_one_brightness_and_not_across_its_direction() -> None:
     assert gradient_across(step(40.0), False, 1.5, 2.0).max() < 1e-3
     np.testing.assert_allclose(
         gradient_across(step(40.0).T, False, 1.5, 2.0), gradient_across(step(40.0), True, 1.5, 2.0).T, atol=1e-3
     )
-
-
-def test_an_edge_between_colours_of_one_brightness_is_seen() -> None:
     up, down = step(40.0, 60, 180), step(40.0, 180, 60)
     gradient = gradient_across(np.dstack([up, down, np.full_like(up, 90)]), True, 1.5, 2.0)
     single = gradient_across(up, True, 1.5, 2.0)
@@ -106,19 +100,16 @@ def test_energy_hardly_depends_on_the_light(gain: float) -> None:
     assert cv2.absdiff(bright.upright, dark.upright).mean() < 0.1 * bright.upright.mean()
 
 
-def test_a_weak_edge_counts_as_a_strong_one_where_it_is_the_only_one() -> None:
+def test_a_weak_edge_alone_has_energy_and_a_plain_image_none_and_noise_little() -> None:
     weak, strong = edge_energy(step(40.0, 90, 110), WINDOW), edge_energy(step(40.0, 20, 230), WINDOW)
     assert weak.level.max() > 0.9 * strong.level.max()
-
-
-def test_there_is_no_energy_in_a_plain_image_and_little_in_sensor_noise() -> None:
     plain = np.full((80, 120), 128, np.uint8)
     assert edge_energy(plain, WINDOW).level.max() == 0
     noisy = plain + np.random.default_rng(0).integers(0, 2, plain.shape, dtype=np.uint8)
     assert edge_energy(noisy, WINDOW, dilation=0).level.mean() < 0.15 * FULL
 
 
-def test_smoothing_takes_noise_away_and_keeps_the_shape() -> None:
+def test_channels_add_up_and_smoothing_takes_noise_away_and_keeps_the_shape() -> None:
     clear = patchwork(1)
     noisy = np.clip(clear + np.random.default_rng(0).normal(0.0, 10.0, clear.shape), 0, 255).astype(np.uint8)
     smooth = smoothed(noisy, 0.004)
@@ -127,9 +118,6 @@ def test_smoothing_takes_noise_away_and_keeps_the_shape() -> None:
     flat = np.s_[13:17, 13:17]  # the middle of a patch
     before, after = (np.abs(image[flat].astype(int) - clear[flat]).mean() for image in (noisy, smooth))
     assert after < 0.7 * before
-
-
-def test_channels_add_up() -> None:
     channels = np.random.default_rng(0).uniform(0.0, 9.0, (6, 5, 3)).astype(np.float32)
     np.testing.assert_allclose(channel_sum(channels), channels.sum(axis=2), rtol=1e-6)
 
@@ -160,9 +148,16 @@ def test_openings_unlike_the_blocks_stand_out(model: PalletModel, levels: tuple[
     assert face_contrast(noisy(draw_face(model, GRID, STRAIGHT, levels=levels)), model) > 5.0
 
 
-def test_without_openings_the_contrast_is_about_one(epal: PalletModel, draw_face: Draw) -> None:
+def test_no_openings_one_aside_or_uneven_blocks_weaken_the_contrast(epal: PalletModel, draw_face: Draw) -> None:
     board = noisy(draw_face(epal, GRID, STRAIGHT, levels=(90.0, 150.0, 150.0)), 12.0)
     assert face_contrast(board, epal) < 1.5
+    right = noisy(draw_face(epal, GRID, STRAIGHT))
+    aside = noisy(draw_face(epal, GRID, STRAIGHT, (0.26, 0.0)))
+    assert face_contrast(aside, epal) < 0.4 * face_contrast(right, epal)
+    view = noisy(draw_face(epal, GRID, STRAIGHT))
+    ramp = np.linspace(-60.0, 60.0, GRID.columns)
+    uneven = replace(view, image=np.clip(view.image + ramp, 0, 255).astype(np.uint8))
+    assert face_contrast(uneven, epal) < 0.5 * face_contrast(view, epal)
 
 
 def test_the_less_clear_opening_counts(epal: PalletModel, draw_face: Draw) -> None:
@@ -173,19 +168,6 @@ def test_the_less_clear_opening_counts(epal: PalletModel, draw_face: Draw) -> No
     ]
     assert face_contrast(replace(view, image=half), epal) < 1.5
     assert face_contrast(replace(view, image=half[:, ::-1]), epal) < 1.5
-
-
-def test_one_opening_aside_blocks_are_no_longer_alike(epal: PalletModel, draw_face: Draw) -> None:
-    right = noisy(draw_face(epal, GRID, STRAIGHT))
-    aside = noisy(draw_face(epal, GRID, STRAIGHT, (0.26, 0.0)))
-    assert face_contrast(aside, epal) < 0.4 * face_contrast(right, epal)
-
-
-def test_blocks_that_differ_from_each_other_weaken_the_contrast(epal: PalletModel, draw_face: Draw) -> None:
-    view = noisy(draw_face(epal, GRID, STRAIGHT))
-    ramp = np.linspace(-60.0, 60.0, GRID.columns)
-    uneven = replace(view, image=np.clip(view.image + ramp, 0, 255).astype(np.uint8))
-    assert face_contrast(uneven, epal) < 0.5 * face_contrast(view, epal)
 
 
 def test_colour_tells_what_gray_does_not(epal: PalletModel, draw_face: Draw) -> None:
@@ -206,8 +188,7 @@ def test_half_the_light_gives_nearly_the_same(t11: PalletModel, draw_face: Draw)
 
 
 def test_a_plain_image_has_no_contrast(epal: PalletModel) -> None:
-    plain = np.full((GRID.rows, GRID.columns), 77, np.uint8)
-    assert contrast_at(plain, GRID, epal) == 0.0
+    assert contrast_at(np.full((GRID.rows, GRID.columns), 77, np.uint8), GRID, epal) == 0.0
 
 
 def test_the_face_is_looked_for_where_its_points_are_placed(epal: PalletModel, draw_face: Draw) -> None:
@@ -288,13 +269,10 @@ def test_what_is_hidden_does_not_count(patch: FacePatch, epal: PalletModel) -> N
     assert right.left > before[1]
 
 
-def test_something_before_all_openings_leaves_no_contrast_unless_only_seen(
+def test_where_the_view_does_not_reach_or_all_is_hidden_no_contrast_is_left(
     patch: FacePatch, epal: PalletModel
 ) -> None:
     assert least_contrast(patch, epal, POSE, [WHOLE]) == 0.0
     assert least_contrast(patch, epal, POSE, (), [WHOLE]) == least_contrast(patch, epal, POSE)
-
-
-def test_where_the_view_does_not_reach_there_is_no_number(patch: FacePatch, epal: PalletModel) -> None:
     assert np.isnan(least_contrast(patch, epal, replace(POSE, x=POSE.x + 3.0)))
     assert np.isnan(opening_contrasts(patch, epal, replace(POSE, z=1.0))).all()

@@ -67,13 +67,6 @@ def test_a_spot_on_a_plane_is_at_its_pixel(camera_from_plane: RigidTransform, po
     np.testing.assert_allclose(found, point, atol=1.01 * GRID.resolution)
 
 
-def test_metres_and_pixels_of_a_view_are_inverse(image: Image) -> None:
-    grid = Projector(CAMERA).view(image, vertical(2.0), GRID).grid
-    pixels = np.random.default_rng(1).uniform(-50, 200, (100, 2))
-    np.testing.assert_allclose(grid.pixels(grid.points(pixels)), pixels, atol=1e-9)
-    np.testing.assert_allclose(grid.points(np.array([0.0, grid.rows - 1.0])), [-0.6, 0.0], atol=1e-12)
-
-
 def test_what_the_camera_does_not_see_is_black_and_not_valid() -> None:
     lens = KannalaBrandt(400, 400, 120.0, 120.0, 199.5, 199.5, max_angle=np.radians(80.0))
     white = np.full((400, 400, 3), 255, dtype=np.uint8)
@@ -177,7 +170,7 @@ def test_a_coarse_table_is_within_its_error_of_the_exact_map(
     assert error_px(table, camera, camera_from_plane, SHELF).max() < 1.1 * MAX_ERROR_PX
 
 
-def test_at_an_ordinary_distance_the_table_is_coarse_and_shows_the_same(mounted: Mounted) -> None:
+def test_an_ordinary_table_is_coarse_shows_the_same_and_cannot_be_written(mounted: Mounted) -> None:
     camera, camera_from_plane = Equirectangular(3840, 1920), beside(mounted, 1.9)
     projector = Projector(camera)
     table, exact = coarse_table(projector, camera_from_plane, SHELF), projector.table(camera_from_plane, SHELF)
@@ -189,6 +182,8 @@ def test_at_an_ordinary_distance_the_table_is_coarse_and_shows_the_same(mounted:
     image = (127 + 60 * np.sin(columns / 40) + 60 * np.sin(rows / 40)).astype(np.uint8)
     shown = [each.apply(image, Interpolation.LINEAR).astype(int) for each in (table, exact)]
     assert np.abs(shown[0] - shown[1]).max() < 4
+    table = coarse_table(Projector(Equirectangular(1920, 960)), beside(mounted, 2.0), SHELF)
+    assert not table.places.flags.writeable
 
 
 def test_where_the_camera_does_not_see_all_of_the_plane_the_exact_table_is_taken(mounted: Mounted) -> None:
@@ -198,11 +193,6 @@ def test_where_the_camera_does_not_see_all_of_the_plane_the_exact_table_is_taken
     assert table is projector.table(camera_from_plane, SHELF)
     assert not table.complete
     assert table.valid.any()
-
-
-def test_a_coarse_table_cannot_be_written_to(mounted: Mounted) -> None:
-    table = coarse_table(Projector(Equirectangular(1920, 960)), beside(mounted, 2.0), SHELF)
-    assert not table.places.flags.writeable
 
 
 # The size of a pixel on a plane.

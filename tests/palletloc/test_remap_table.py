@@ -213,8 +213,7 @@ def test_the_seam_leaves_no_trace(interpolation: Interpolation, resolution: floa
 def test_nearest_reads_the_very_pixel(name: str) -> None:
     camera = CAMERAS["equirectangular"]
     image = np.random.default_rng(0).integers(0, 256, (camera.height, camera.width), dtype=np.uint8)
-    table = build_table(camera, *PLANES[name])
-    view = table.apply(image, Interpolation.NEAREST)
+    view = build_table(camera, *PLANES[name]).apply(image, Interpolation.NEAREST)
     pixels = exact_map(camera, *PLANES[name]).pixels
     nearest = np.round(pixels).astype(int)
     clear = (np.abs(pixels - nearest) < 0.5 - MAX_ERROR_PX).all(axis=-1)

@@ -109,7 +109,9 @@ def test_a_pallet_taken_one_opening_aside_is_taken_back(portrait: Portrait, mode
     assert back.candidate is alias.candidate
 
 
-def test_the_right_one_stays_as_it_is(portrait: Portrait, epal: PalletModel) -> None:
+def test_the_right_one_stays_and_what_is_beyond_doubt_is_not_asked_again(
+    portrait: Portrait, epal: PalletModel
+) -> None:
     shot = portrait(epal, POSE)
     fit = found(measured(shot, epal))
     assert fit.evidence is not None
@@ -118,6 +120,12 @@ def test_the_right_one_stays_as_it_is(portrait: Portrait, epal: PalletModel) -> 
     assert isinstance(kept, Fit)
     assert kept.pose is fit.pose
     np.testing.assert_array_equal(kept.covariance, fit.covariance)
+    certain = replace(found(measured(shot, epal)), evidence=CERTAIN)
+    assert certain.rank >= CONFIG.verification.certain
+    for settled in (certain, given_up(certain), replace(certain, face=None)):
+        assert list(one_opening_aside(shot, settled, never, CONFIG)) == []
+    hidden = believed(shot, epal, 0.0, 0.1)
+    assert len(list(one_opening_aside(shot, hidden, measure_refined, CONFIG))) == 2
 
 
 def test_a_rival_that_fails_its_checks_still_refuses(portrait: Portrait, epal: PalletModel) -> None:
@@ -133,22 +141,7 @@ def test_a_rival_that_fails_its_checks_still_refuses(portrait: Portrait, epal: P
     assert (refused.stage, refused.reason, refused.fit) == (Stage.VERIFICATION, Reason.OVERLAP, alias)
 
 
-def test_what_is_beyond_doubt_is_not_asked_again(portrait: Portrait, epal: PalletModel) -> None:
-    shot = portrait(epal, POSE)
-    certain = replace(found(measured(shot, epal)), evidence=CERTAIN)
-    assert certain.rank >= CONFIG.verification.certain
-    for settled in (certain, given_up(certain), replace(certain, face=None)):
-        assert list(one_opening_aside(shot, settled, never, CONFIG)) == []
-    hidden = believed(shot, epal, 0.0, 0.1)
-    assert len(list(one_opening_aside(shot, hidden, measure_refined, CONFIG))) == 2
-
-
 # Another model.
-
-
-def seen_as(shot: Shot, model: PalletModel, other: PalletModel) -> LevelPose:
-    """Return where another model would look as wide as one at `POSE`."""
-    return slid(shot, POSE, other.width / model.width)
 
 
 @pytest.mark.parametrize("names", [("epal", "t11"), ("t11", "epal")], ids="-as-".join)
@@ -157,7 +150,8 @@ def test_at_any_height_a_model_gives_way_to_the_one_that_stands_there(
 ) -> None:
     model, other = (request.getfixturevalue(name) for name in names)
     shot = portrait(model, POSE)
-    starts = [Start(other.name, seen_as(shot, model, other)), Start(model.name, POSE)]
+    # where the other model would look as wide
+    starts = [Start(other.name, slid(shot, POSE, other.width / model.width)), Start(model.name, POSE)]
     wrong, right = Localizer([model, other]).explain_from(shot, starts).outcomes
     assert isinstance(wrong, Refusal)
     assert isinstance(right, Fit)

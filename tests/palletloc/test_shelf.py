@@ -99,8 +99,7 @@ def test_the_view_lies_on_the_plane_with_its_origin_beside_the_camera(
 ) -> None:
     out = np.array([np.cos(facing), np.sin(facing), 0.0])
     center = forklift_from_camera.translation
-    along = np.array([out[1], -out[0], 0.0])
-    point = center - 2.2 * out + 0.7 * along
+    point = center - 2.2 * out + 0.7 * np.array([out[1], -out[0], 0.0])
     seen = looking(ShelfPlane(point[0], point[1], facing))
     plane = seen.forklift_from_plane
     for corner in ([-1.0, 0.3, 0.0], [2.0, 1.0, 0.0]):
@@ -139,12 +138,15 @@ def test_what_is_searched_is_in_range_and_not_behind(looking: Looking, forklift_
     assert np.ptp(ahead.columns) < np.ptp(seen.columns)
 
 
-def test_a_shelf_on_the_other_side_is_searched_alike(looking: Looking) -> None:
+def test_a_shelf_on_the_other_side_is_searched_alike_and_drift_widens_the_band(looking: Looking) -> None:
     left, right = ShelfPlane(1.5, 1.9, -np.pi / 2), ShelfPlane(1.5, -2.1, np.pi / 2)
     there, here = looking(right), looking(left)
     assert there.distance == pytest.approx(here.distance)
     # ahead is to the right of a shelf on the left, and to the left of one on the right
     assert there.columns[0] == pytest.approx(-here.columns[1], abs=0.1)
+    sure, unsure = looking(), looking(replace(SHELF, drift=np.radians(4.0)))
+    assert unsure.view.grid.rows > sure.view.grid.rows
+    assert unsure.drift == pytest.approx(np.radians(4.0))
 
 
 def test_each_level_has_a_view_of_its_own_on_the_same_plane(
@@ -164,12 +166,6 @@ def test_a_side_of_which_less_is_searched_takes_less_of_the_view(looking: Lookin
     right = grid.left + (grid.columns - 1) * grid.resolution - seen.columns[1] - t11.width / 2
     assert -seen.columns[0] < seen.columns[1]
     assert 0.1 < left < 0.5 * right
-
-
-def test_drift_widens_the_band(looking: Looking) -> None:
-    sure, unsure = looking(), looking(replace(SHELF, drift=np.radians(4.0)))
-    assert unsure.view.grid.rows > sure.view.grid.rows
-    assert unsure.drift == pytest.approx(np.radians(4.0))
 
 
 @pytest.mark.parametrize(
@@ -220,11 +216,6 @@ def shown(epal: PalletModel, draw_face: Draw) -> Shown:
     return drawn
 
 
-def best(sites: Sites) -> tuple[float, ...]:
-    chosen = sites.chosen(np.array([sites.score.argmax()]))
-    return tuple(float(values[0]) for values in chosen)
-
-
 @pytest.mark.parametrize(
     ("place", "depth", "yaw"), [(0.0, 0.0, 0.0), (0.73, 0.11, 0.05), (-0.51, -0.09, -0.06), (1.2, 0.2, 0.07)]
 )
@@ -232,7 +223,7 @@ def best(sites: Sites) -> tuple[float, ...]:
 def test_a_face_is_found_where_it_stands(place: float, depth: float, yaw: float, known: bool, shown: Shown) -> None:
     seen, template, steps = shown(place, depth, yaw, 0.06, known)
     sites = refine(seen, template, steps, search(seen, template, steps, CONFIG), 1.0, CONFIG)
-    found = best(sites)
+    found = [values[sites.score.argmax()] for values in sites]
     assert found[0] == pytest.approx(place, abs=0.03 if known else 0.06)
     assert found[1] == pytest.approx(depth, abs=0.03 if known else 0.10)
     assert found[2] == pytest.approx(yaw, abs=0.03)
@@ -281,16 +272,13 @@ def test_refining_moves_along_the_ray_and_does_not_lose_score(shown: Shown) -> N
     assert near.all()
 
 
-def test_what_the_view_leaves_open_stays_near_the_nominal_plane(shown: Shown) -> None:
+def test_what_the_view_leaves_open_stays_near_the_nominal_plane_and_nothing_stays_nothing(shown: Shown) -> None:
     seen, template, steps = shown(0.3, 0.0)
     flat = [piece._replace(field=np.full_like(piece.field, 200)) for piece in template]
     sites = Sites(*(np.array([value]) for value in (0.3, 0.0, 0.0, 0.0, 0.0)))
     same = refine(seen, flat, steps, sites, 1.0, CONFIG)
     assert same.yaw[0] == pytest.approx(0.0, abs=1e-3)
     assert same.depth[0] == pytest.approx(0.0, abs=0.01)
-
-
-def test_without_sites_there_is_nothing_to_refine(shown: Shown) -> None:
     seen, template, steps = shown(0.0, 0.0)
     none = Sites(*(np.empty(0) for _ in range(5)))
     assert len(refine(seen, template, steps, none, 1.0, CONFIG).place) == 0

@@ -128,26 +128,26 @@ def darkened(shot: Shot, gain: float, noise: float = 0.0) -> Shot:
     return replace(shot, image=np.clip(np.rint(shot.image * gain + random), 0, 255).astype(np.uint8))
 
 
-def test_points_of_a_shelf_lie_on_its_front_between_its_heights() -> None:
+def test_points_of_a_shelf_and_about_places_lie_on_their_fronts() -> None:
     shelf = ShelfPlane(1.0, 2.0, np.radians(-80.0))
     points = shelf_points(shelf, (0.1, 1.4), 3.0)
     out = np.array([np.cos(shelf.facing), np.sin(shelf.facing)])
     np.testing.assert_allclose((points[:, :2] - [shelf.x, shelf.y]) @ out, 0.0, atol=1e-12)
     assert points[:, 2].min() == pytest.approx(0.1)
     assert 1.2 < points[:, 2].max() <= 1.4
-
-
-def test_points_about_places_lie_on_their_faces() -> None:
     pose = LevelPose(2.0, 1.5, 0.4, 1.2)
     points = pose.transform().inv().apply(points_about([pose, pose]))
     np.testing.assert_allclose(points[:, 0], 0.0, atol=1e-12)
     assert np.ptp(points[:, 1]) > 1.0
 
 
-def test_a_bright_shot_is_left_alone(floor_shot: Shot) -> None:
+def test_bright_shots_stay_gain_has_an_end_and_what_is_not_seen_needs_none(floor_shot: Shot) -> None:
     points = shelf_points(SHELF, (0.0, 0.5), 3.0)
     bright = floor_shot.exposed_for(points)
     assert bright.exposed_for(points) is bright
+    black = replace(floor_shot, image=np.ones_like(floor_shot.image))
+    assert black.exposed_for(shelf_points(SHELF, (0.0, 0.5), 3.0)).image.max() == MOST_GAIN
+    assert black.exposed_for(np.full((4, 3), np.nan)) is black
 
 
 def test_a_dark_shot_is_exposed_for_the_shelf_and_not_for_a_lamp(floor_shot: Shot) -> None:
@@ -161,12 +161,6 @@ def test_a_dark_shot_is_exposed_for_the_shelf_and_not_for_a_lamp(floor_shot: Sho
     assert 0.8 * BRIGHT <= np.percentile(values, 98) <= 1.2 * BRIGHT
     assert (found.camera, found.mounting, found.time, found.file) == (dark.camera, dark.mounting, 1.5, "dark.png")
     np.testing.assert_array_equal(dark.image, before)
-
-
-def test_gain_has_an_end_and_what_is_not_seen_needs_none(floor_shot: Shot) -> None:
-    black = replace(floor_shot, image=np.ones_like(floor_shot.image))
-    assert black.exposed_for(shelf_points(SHELF, (0.0, 0.5), 3.0)).image.max() == MOST_GAIN
-    assert black.exposed_for(np.full((4, 3), np.nan)) is black
 
 
 @pytest.mark.parametrize("gain", [0.25, 0.16])
@@ -223,13 +217,10 @@ def test_its_rank_is_its_score_before_the_checks_and_what_they_say_after_them(fi
     assert (before.rank, after.rank) == (0.7, EVIDENCE.probability)
 
 
-def test_what_was_not_measured_or_checked_explains_nothing(fit: Fit) -> None:
+def test_fits_and_refusals_give_what_was_measured_and_unchecked_ones_explain_nothing(fit: Fit) -> None:
     unseen = Refusal(fit.candidate, Stage.SEARCH, Reason.NO_PEAK)
     for outcome in (fit, replace(fit, evidence=EVIDENCE), unseen):
         assert outcome.likelihood == -math.inf
-
-
-def test_a_fit_and_a_refusal_give_what_was_measured_alike(fit: Fit) -> None:
     assert fit.fit is fit
     assert Refusal(fit.candidate, Stage.VERIFICATION, Reason.OVERLAP, fit).fit is fit
     assert Refusal(fit.candidate, Stage.YAW, Reason.NO_LINE).fit is None

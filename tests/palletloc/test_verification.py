@@ -122,10 +122,13 @@ def test_what_seems_hidden_speaks_against_a_pallet_and_what_stands_before_it_exp
     assert explained.visible == pytest.approx(covered.visible)
 
 
-def test_every_sign_counts() -> None:
+def test_every_sign_counts_and_a_face_of_few_pixels_must_show_more() -> None:
     plain = Evidence(2.0, 0.5, 0.5, 2.0)
     for sign in ({"contrast": 3.0}, {"coverage": 0.7}, {"score": 0.6}, {"doubt": 1.0}):
         assert replace(plain, **sign).probability > plain.probability + 0.01
+    seen = Evidence(3.0, 0.75, 0.6, 2.0)
+    assert verify(seen, CONFIG) is None
+    assert verify(replace(seen, width_px=25.0), CONFIG) is not None
 
 
 @given(signs, st.floats(0.0, 500.0))
@@ -133,12 +136,6 @@ def test_few_pixels_never_make_a_pallet_more_likely(large: Evidence, width: floa
     small = replace(large, width_px=width)
     assert small.probability <= large.probability
     assert (small.probability > 0.5) <= (large.probability > 0.5)
-
-
-def test_a_face_of_few_pixels_must_show_more() -> None:
-    seen = Evidence(3.0, 0.75, 0.6, 2.0)
-    assert verify(seen, CONFIG) is None
-    assert verify(replace(seen, width_px=25.0), CONFIG) is not None
 
 
 @pytest.mark.parametrize(
@@ -198,25 +195,18 @@ def stays(*outcomes: Outcome) -> list[bool]:
     return [isinstance(outcome, Fit) for outcome in excluded(*outcomes)]
 
 
-def test_of_two_pallets_in_one_place_the_better_stays(epal: PalletModel, t11: PalletModel) -> None:
+def test_the_better_of_two_stays_and_what_was_refused_excludes_nothing(epal: PalletModel, t11: PalletModel) -> None:
     weak, strong, aside = placed(epal, 0.0, 0.5), placed(t11, 0.3, 0.8), placed(epal, 1.6, 0.4)
     refused = given_up(placed(epal, 0.0, 0.99), Reason.FEW_EDGES)
     assert stays(weak, refused, strong, aside) == [False, False, True, True]
     assert excluded(weak, refused, strong, aside)[1] is refused
-
-
-def test_what_was_excluded_excludes_nothing(epal: PalletModel) -> None:
-    assert stays(*(placed(epal, 0.8 * i, 0.9 - 0.1 * i) for i in range(3))) == [True, False, True]
-
-
-def test_the_wrong_model_does_not_keep_the_place_of_the_right_one(epal: PalletModel, t11: PalletModel) -> None:
     wrong = given_up(placed(t11, 0.1, 0.9), Reason.OVERLAP)
     assert stays(wrong, placed(epal, 0.0, 0.8)) == [False, True]
 
 
-def test_nothing_excludes_nothing(epal: PalletModel) -> None:
-    start = LevelPose(0.0, 2.0, 0.0, 1.5)
-    unseen = Refusal(Candidate(epal, start), Stage.SEARCH, Reason.NO_PEAK)
+def test_nothing_and_what_was_excluded_excludes_nothing(epal: PalletModel) -> None:
+    assert stays(*(placed(epal, 0.8 * i, 0.9 - 0.1 * i) for i in range(3))) == [True, False, True]
+    unseen = Refusal(Candidate(epal, LevelPose(0.0, 2.0, 0.0, 1.5)), Stage.SEARCH, Reason.NO_PEAK)
     assert excluded() == []
     assert excluded(unseen) == [unseen]
     assert stays(unseen, placed(epal, 0.0, 0.1)) == [False, True]
@@ -242,14 +232,11 @@ def shown(model: PalletModel, x: float, evidence: float) -> Fit:
     return replace(placed(model, x, 0.5), evidence=signs)
 
 
-def test_two_pallets_side_by_side_outweigh_one_that_stands_in_both(epal: PalletModel) -> None:
+def test_two_pallets_outweigh_one_that_stands_in_both_but_two_mere_scores_no_higher_one(epal: PalletModel) -> None:
     left, between, right = shown(epal, 0.0, 1.2), shown(epal, 0.65, 1.8), shown(epal, 1.3, 1.0)
     assert stays(between, left, right) == [False, True, True]
     left, between, right = shown(epal, 0.0, 0.8), shown(epal, 0.65, 1.9), shown(epal, 1.3, 1.0)
     assert stays(between, left, right) == [True, False, False]
-
-
-def test_two_mere_scores_do_not_outweigh_a_higher_one(epal: PalletModel) -> None:
     left, between, right = placed(epal, 0.0, 0.6), placed(epal, 0.65, 0.7), placed(epal, 1.3, 0.6)
     assert stays(left, between, right) == [False, True, False]
 

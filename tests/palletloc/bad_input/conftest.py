@@ -1,7 +1,5 @@
 """What bad input is tried on, and its law: a refusal or a right pose, never a confident wrong row."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Sequence
 

@@ -1,7 +1,5 @@
 """How bad input is drawn, and the types of what it is tried on."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

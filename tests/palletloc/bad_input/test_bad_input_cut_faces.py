@@ -1,7 +1,5 @@
 """Pallets that the image shows only in part: cut by its border, by the limit of a lens, or between two lenses."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -67,8 +65,7 @@ def measured(localizer: Callable[..., Localizer], faults: Callable[..., list[str
 
 def cut_by_border(scene: Scene, side: str, pallet: int, place: float, known: bool, measured: Check) -> int:
     shot, pallets, shelf = scene
-    points = face_points(*pallets[pallet])
-    pixels, valid = shot.camera.project(shot.mounting.to_camera.apply(points))
+    pixels, valid = shot.camera.project(shot.mounting.to_camera.apply(face_points(*pallets[pallet])))
     along = pixels[valid][:, 0 if side in ("left", "right") else 1]
     at = round(float(along.min() + place * np.ptp(along)))
     camera, image = cropped(shot.camera, shot.image, side, at)

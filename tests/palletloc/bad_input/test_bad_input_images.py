@@ -1,7 +1,5 @@
 """Images that show nothing, too much or too little light, or the scene in another position than they should."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial

@@ -1,7 +1,5 @@
 """Given starts that are no poses, or lie where nothing can be seen, or another pallet or none stands."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 

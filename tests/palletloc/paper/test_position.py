@@ -71,8 +71,7 @@ def test_the_curve_of_scores_belongs_to_the_depths(portrait: Portrait, t11: Pall
     assert found.depth[0] == pytest.approx(-CONFIG.nearer)
     assert found.depth[-1] >= CONFIG.farther
     assert found.best == pytest.approx(found.score.max())
-    best_depth = off(found.peaks[0])[1]
-    assert found.depth[found.score.argmax()] == pytest.approx(best_depth, abs=1e-6)
+    assert found.depth[found.score.argmax()] == pytest.approx(off(found.peaks[0])[1], abs=1e-6)
     assert found.best > np.median(found.score) + 0.1
 
 
@@ -87,17 +86,13 @@ def test_peaks_stand_apart(portrait: Portrait, epal: PalletModel) -> None:
 
 
 def test_a_free_height_is_found(portrait: Portrait, t11: PalletModel) -> None:
-    shot = portrait(t11, POSE)
-    found = swept(shot, t11, replace(POSE, z=0.03), None)
+    found = swept(portrait(t11, POSE), t11, replace(POSE, z=0.03), None)
     assert isinstance(found, Sweep)
     assert min(abs(peak.z) for peak in found.peaks) < 0.03
 
 
-def test_nothing_is_found_in_a_plain_image(portrait: Portrait, t11: PalletModel) -> None:
+def test_nothing_is_found_in_a_plain_image_from_behind_or_outside(portrait: Portrait, t11: PalletModel) -> None:
     assert swept(blanked(portrait(t11, POSE)), t11) is Reason.NO_PEAK
-
-
-def test_behind_the_face_or_outside_the_image_there_is_nothing_to_sweep(portrait: Portrait, t11: PalletModel) -> None:
     shot = portrait(t11, POSE)
     assert swept(shot, t11, replace(POSE, yaw=-np.pi / 2)) is Reason.BEHIND_FACE
     assert swept(shot, t11, replace(POSE, x=5.0)) is Reason.OUT_OF_VIEW

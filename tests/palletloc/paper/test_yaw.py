@@ -96,8 +96,7 @@ def test_an_edge_that_is_partly_hidden_does_not_turn_the_yaw(portrait: Portrait,
     left, right = (round((edge - grid.left) / grid.resolution) for edge in (0.35, 0.55))
     middle = round(grid.top / grid.resolution)
     image[middle + 3 :, left:right] = image[5, 5]  # something of the floor's colour stands before the lower edge
-    hidden = replace(seen, view=replace(seen.view, image=image))
-    found = measure_yaw(shot, hidden, POSE, t11, CONFIG)
+    found = measure_yaw(shot, replace(seen, view=replace(seen.view, image=image)), POSE, t11, CONFIG)
     assert isinstance(found, YawEstimate)
     assert abs(found.yaw - POSE.yaw) < max(3 * found.sigma, np.radians(0.3))
 
@@ -115,8 +114,7 @@ def test_there_is_no_yaw_in_a_plain_image(portrait: Portrait, t11: PalletModel) 
 def test_a_boundary_line_shows_how_far_the_start_is_turned(
     turn_deg: float, boundary: BoundaryMethod, portrait: Portrait, t11: PalletModel
 ) -> None:
-    shot = portrait(t11, POSE)
-    seen = viewed(shot, t11, moved(POSE, turn_deg=turn_deg), YawSource.BOTTOM)
+    seen = viewed(portrait(t11, POSE), t11, moved(POSE, turn_deg=turn_deg), YawSource.BOTTOM)
     lines = find_lines(seen, replace(CONFIG, boundary=boundary))
     assert min(abs(line.turn + np.radians(turn_deg)) for line in lines) < np.radians(0.7)
 
@@ -179,8 +177,7 @@ def test_the_plane_goes_level_through_the_edge(source: YawSource, portrait: Port
 
 @pytest.mark.parametrize("source", [YawSource.BOTTOM, YawSource.TOP])
 def test_every_level_edge_of_a_face_is_in_the_view(source: YawSource, portrait: Portrait, epal: PalletModel) -> None:
-    shot = portrait(epal, POSE)
-    seen = seen_from(shot, epal, source=source)
+    seen = seen_from(portrait(epal, POSE), epal, source=source)
     grid, camera = seen.view.grid, seen.plane_from_camera
     low, high = grid.top - (grid.rows - 1) * grid.resolution, grid.top
     for height in (0.0, 0.022, 0.122, epal.height):
@@ -261,36 +258,24 @@ def test_it_does_not_matter_which_side_is_bright(two_region: bool, near: float, 
 
 
 @METHODS
-def test_the_mirrored_view_has_the_opposite_turn(two_region: bool) -> None:
+def test_a_mirrored_view_has_the_opposite_turn_and_colour_is_read_as_well_as_gray(two_region: bool) -> None:
     view = half_planes(np.radians(4.0), 0.01)
     mirrored = PlaneView(view.image[:, ::-1].copy(), view.valid, GRID, view.camera_from_plane)
     here, there = lines_of(view, two_region)[0], lines_of(mirrored, two_region)[0]
     assert here.turn > 0 > there.turn
     assert there.turn == pytest.approx(-here.turn, abs=2 * (STEP + GRID.resolution / 1.2))
     assert there.up == pytest.approx(here.up, abs=1.5 * GRID.resolution)
-
-
-@METHODS
-def test_colour_is_read_as_well_as_gray(two_region: bool) -> None:
     gray = half_planes(np.radians(2.0), 0.0)
     colour = PlaneView(np.dstack([gray.image] * 3), gray.valid, GRID, gray.camera_from_plane)
     assert lines_of(colour, two_region) == lines_of(gray, two_region)
 
 
 @METHODS
-def test_there_is_no_line_in_a_plain_view(two_region: bool) -> None:
+def test_a_plain_view_or_what_is_not_seen_or_turned_too_far_gives_no_line(two_region: bool) -> None:
     assert lines_of(view_of(np.full((GRID.rows, GRID.columns), 120.0), noise=0.0), two_region) == []
-
-
-@METHODS
-def test_a_line_that_turns_too_far_is_not_returned(two_region: bool) -> None:
     lines = boundary_lines(half_planes(np.radians(9.0), 0.01), two_region, np.radians(3.0), STEP)
     assert all(abs(line.turn) <= np.radians(3.0) + STEP for line in lines)
     assert all(line.votes < 0.7 * GRID.columns for line in lines)
-
-
-@METHODS
-def test_what_the_camera_does_not_see_draws_no_line(two_region: bool) -> None:
     unseen = half_planes(0.0, 0.01)
     seen = np.broadcast_to(np.arange(GRID.columns) < 0.2 * GRID.columns, unseen.valid.shape)
     assert lines_of(PlaneView(unseen.image, seen, GRID, unseen.camera_from_plane), two_region) == []

@@ -66,8 +66,7 @@ def test_edges_move_against_the_pose(right: float, up: float, portrait: Portrait
 def test_a_pixel_is_larger_where_the_face_is_seen_aslant(portrait: Portrait, t11: PalletModel) -> None:
     edges = edges_at(portrait(t11, POSE), POSE, t11)
     across = {measured.edge.horizontal: measured.pixel for measured in edges}
-    distance = float(np.hypot(POSE.x - 0.3, POSE.y + 0.08))
-    straight = np.hypot(distance, 1.85) / 560.0
+    straight = np.hypot(float(np.hypot(POSE.x - 0.3, POSE.y + 0.08)), 1.85) / 560.0
     assert across[False] > straight
     assert across[True] > straight  # seen from 40 degrees above
 
@@ -91,15 +90,12 @@ def test_the_upper_edge_may_be_loaded_from_above_and_not_from_below(t11: PalletM
         assert not any(kinds.values())
 
 
-def test_from_below_the_lower_edge_is_not_measured(portrait: Portrait, t11: PalletModel) -> None:
+def test_a_line_is_expected_unless_loaded_or_hidden_by_a_beam(portrait: Portrait, t11: PalletModel) -> None:
     high = replace(POSE, z=2.6)
     seen = seen_at(portrait(t11, high), high, t11)
     assert EdgeKind.BOTTOM not in {measured.edge.kind for measured in seen.edges}
     lines = [line.whole for line in face_lines(t11) if line.kind != EdgeKind.BOTTOM]
     assert seen.expected == pytest.approx(sum(seen.evidence_weight(line) for line in lines))
-
-
-def test_it_expects_every_line_but_a_loaded_one(portrait: Portrait, t11: PalletModel) -> None:
     seen = seen_at(portrait(t11, POSE), POSE, t11)
     assert seen.expected == pytest.approx(len(face_lines(t11)) - 1 - (1 - BORDERING))
 
@@ -168,24 +164,23 @@ def test_a_face_across_the_seam_of_a_closed_image_is_measured_like_any_other(
     np.testing.assert_allclose(across.plane_from_camera, shot.camera_in(pose), atol=1e-9)
 
 
-def test_colour_and_gray_agree(portrait: Portrait, epal: PalletModel) -> None:
+def test_every_edge_carries_what_the_face_says_of_it_and_colour_and_gray_agree(
+    portrait: Portrait, epal: PalletModel
+) -> None:
     shot = portrait(epal, POSE)
     gray = replace(shot, image=np.asarray(shot.image.mean(axis=2), dtype=np.uint8))
     same = replace(shot, image=np.repeat(gray.image[..., None], 3, axis=2))
     first, other = edges_at(gray, POSE, epal), edges_at(same, POSE, epal)
     assert [edge.edge for edge in first] == [edge.edge for edge in other]
     np.testing.assert_allclose([e.fit.offset for e in first], [e.fit.offset for e in other], atol=1e-6)
-
-
-def test_a_plain_image_has_no_edges(portrait: Portrait, t11: PalletModel) -> None:
-    assert edges_at(blanked(portrait(t11, POSE), 100), POSE, t11) == ()
-
-
-def test_every_edge_carries_what_the_face_says_of_it(portrait: Portrait, epal: PalletModel) -> None:
     seen = seen_at(portrait(epal, POSE), POSE, epal)
     assert set(seen.lines) == {line.whole for line in face_lines(epal)}
     for measured in seen.edges:
         assert measured.evidence_weight == seen.evidence_weight(measured.edge)
+
+
+def test_a_plain_image_has_no_edges(portrait: Portrait, t11: PalletModel) -> None:
+    assert edges_at(blanked(portrait(t11, POSE), 100), POSE, t11) == ()
 
 
 def test_lines_behind_something_are_hidden_and_not_measured(portrait: Portrait, epal: PalletModel) -> None:

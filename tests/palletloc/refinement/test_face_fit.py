@@ -133,19 +133,28 @@ def test_a_covariance_is_symmetric_and_positive_definite(
     assert np.linalg.eigvalsh(covariance).min() > 0
 
 
-def test_the_surer_the_known_yaw_the_surer_the_measured_one(portrait: Portrait, t11: PalletModel) -> None:
+def test_the_surer_a_known_height_or_yaw_the_surer_the_measured_pose(portrait: Portrait, t11: PalletModel) -> None:
     shot, known = portrait(t11, POSE), np.radians([0.01, 0.1, 1.0])
     priors = [YawPrior(float(sigma), 0.0) for sigma in known]
     found = [estimate(shot, t11, yaw=prior) for prior in priors]
     sigmas = np.sqrt([face.covariance[3, 3] / max(face.chi2, 1.0) for face in found])
     assert (np.diff(sigmas) > 0).all()
     assert (sigmas < np.hypot(known, 2 * max(shot.mounting.rotation_sigma))).all()
+    shot = portrait(t11, POSE)
+    sizes = [
+        np.sqrt(np.trace(estimate(shot, t11, POSE, HeightPrior(0.0, sigma)).covariance[:3, :3]))
+        for sigma in (0.001, 0.005, 0.3)
+    ]
+    assert sizes == sorted(sizes)
+    assert sizes[2] > 1.5 * sizes[0]
 
 
-def test_a_known_yaw_is_kept(portrait: Portrait, t11: PalletModel) -> None:
+def test_a_known_yaw_is_kept_and_one_opening_aside_there_is_doubt(portrait: Portrait, t11: PalletModel) -> None:
     start = replace(POSE, yaw=POSE.yaw + np.radians(0.8))
     firm = estimate(portrait(t11, POSE), t11, start, yaw=YawPrior(np.radians(0.01), 0.0))
     assert firm.forklift_from_pallet.yaw == pytest.approx(start.yaw, abs=np.radians(0.05))
+    aside = fitted(portrait(t11, POSE), t11, moved(POSE, 0.53, 0.0))
+    assert isinstance(aside, Reason) or aside.doubt > 1.2 * FaceFitConfig().max_doubt
 
 
 def test_a_wrong_height_pulls_the_pallet_along_its_viewing_ray(portrait: Portrait, t11: PalletModel) -> None:
@@ -159,27 +168,8 @@ def test_a_wrong_height_pulls_the_pallet_along_its_viewing_ray(portrait: Portrai
     assert np.hypot(*(expected - [right.x, right.y])) > 0.005
 
 
-def test_a_height_prior_makes_the_place_more_certain(portrait: Portrait, t11: PalletModel) -> None:
-    shot = portrait(t11, POSE)
-    sizes = [
-        np.sqrt(np.trace(estimate(shot, t11, POSE, HeightPrior(0.0, sigma)).covariance[:3, :3]))
-        for sigma in (0.001, 0.005, 0.3)
-    ]
-    assert sizes == sorted(sizes)
-    assert sizes[2] > 1.5 * sizes[0]
-
-
-def test_one_opening_aside_there_is_doubt(portrait: Portrait, t11: PalletModel) -> None:
-    shot = portrait(t11, POSE)
-    aside = fitted(shot, t11, moved(POSE, 0.53, 0.0))
-    assert isinstance(aside, Reason) or aside.doubt > 1.2 * FaceFitConfig().max_doubt
-
-
-def test_nothing_is_measured_in_a_plain_image(portrait: Portrait, t11: PalletModel) -> None:
+def test_a_plain_image_or_a_face_that_is_not_wholly_seen_is_refused(portrait: Portrait, t11: PalletModel) -> None:
     assert fitted(blanked(portrait(t11, POSE)), t11, POSE) is Reason.FEW_EDGES
-
-
-def test_a_face_that_is_not_wholly_seen_is_refused(portrait: Portrait, t11: PalletModel) -> None:
     shot = portrait(t11, POSE)
     assert fitted(shot, t11, moved(POSE, 1.0, 0.0)) is Reason.OUT_OF_VIEW
     assert fitted(shot, t11, replace(POSE, yaw=-np.pi / 2)) is Reason.BEHIND_FACE
@@ -254,10 +244,14 @@ def test_each_level_line_tells_it_alone(kind: EdgeKind, epal: PalletModel) -> No
     assert found.lines == 1
 
 
-def test_more_lines_that_agree_are_surer_than_one(epal: PalletModel) -> None:
+def test_more_lines_that_agree_are_surer_and_worse_slopes_less_certain(epal: PalletModel) -> None:
     few, many = (said(turned(epal, BELOW, 0.01, kinds)) for kinds in (LEVEL[:1], LEVEL))
     assert (few.lines, many.lines) == (1, 4)
     assert many.sigma < 0.7 * few.sigma
+    slopes = [said(turned(epal, ABOVE, 0.01, sigma=sigma)).sigma for sigma in (1e-3, 3e-3, 1e-2)]
+    pixels = [said(turned(epal, ABOVE, 0.01), error).sigma for error in (0.1, 1.0, 3.0)]
+    assert (np.diff(slopes) > 0).all()
+    assert (np.diff(pixels) > 0).all()
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0], ids=["above", "below"])
@@ -267,20 +261,10 @@ def test_the_nearer_to_the_cameras_height_the_less_certain(side: float, epal: Pa
     assert sigmas[-1] > 4 * sigmas[0]
 
 
-def test_the_worse_the_slopes_are_known_the_less_certain(epal: PalletModel) -> None:
-    slopes = [said(turned(epal, ABOVE, 0.01, sigma=sigma)).sigma for sigma in (1e-3, 3e-3, 1e-2)]
-    pixels = [said(turned(epal, ABOVE, 0.01), error).sigma for error in (0.1, 1.0, 3.0)]
-    assert (np.diff(slopes) > 0).all()
-    assert (np.diff(pixels) > 0).all()
-
-
-def test_lines_level_with_the_camera_tell_nothing(epal: PalletModel) -> None:
+def test_no_level_lines_or_such_at_the_cameras_height_tell_nothing(epal: PalletModel) -> None:
     up = epal.openings[0].top
     assert yaw_from_level_lines(turned(epal, (0.3, up, 2.0), 0.01, [EdgeKind.OPENING_TOP]), ERROR_PX) is None
     assert said(turned(epal, (0.3, up, 2.0), 0.01, LEVEL)).lines < len(LEVEL)
-
-
-def test_without_level_lines_there_is_no_yaw(epal: PalletModel) -> None:
     assert yaw_from_level_lines(turned(epal, ABOVE, 0.01, [EdgeKind.SIDE, EdgeKind.OPENING_SIDE]), ERROR_PX) is None
     assert yaw_from_level_lines(turned(epal, ABOVE, 0.01, []), ERROR_PX) is None
 
@@ -294,14 +278,11 @@ def test_one_line_of_four_that_contradicts_is_outvoted(kind: EdgeKind, off: floa
     assert disturbed.sigma >= calm.sigma
 
 
-def test_lines_that_differ_make_the_yaw_less_certain(epal: PalletModel) -> None:
+def test_lines_that_differ_are_less_certain_and_a_loaded_edge_has_no_say(epal: PalletModel) -> None:
     spread = {EdgeKind.BOTTOM: 2e-3, EdgeKind.TOP: 2e-3}
     calm, restless = (said(turned(epal, BELOW, 0.01, LEVEL, off=wrong)) for wrong in ({}, spread))
     assert restless.lines == calm.lines
     assert restless.sigma > 1.2 * calm.sigma
-
-
-def test_the_upper_edge_has_no_say_where_a_load_may_begin_there(epal: PalletModel) -> None:
     calm, loaded = (said(turned(epal, ABOVE, 0.01, off=wrong)) for wrong in ({}, {EdgeKind.TOP: 0.003}))
     assert loaded == calm
     assert yaw_from_level_lines(turned(epal, ABOVE, 0.01, [EdgeKind.TOP]), ERROR_PX) is None

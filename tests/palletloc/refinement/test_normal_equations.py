@@ -56,8 +56,7 @@ class Geometry:
     def image(self, point: Sequence[float] | FloatArray) -> FloatArray:
         in_forklift = self.seeming.apply(self.face.apply([*point, 0.0][:3]))
         camera = self.plane_from_forklift.apply(self.assumed.center)
-        seen = self.plane_from_forklift.apply(in_forklift)
-        ray = seen - camera
+        ray = self.plane_from_forklift.apply(in_forklift) - camera
         reached: FloatArray = (camera - ray * camera[2] / ray[2])[:2]
         return reached
 
@@ -111,7 +110,7 @@ def test_edges_tell_a_small_motion(unknown: int, slopes: bool, t11: PalletModel,
     np.testing.assert_allclose(system.solve().motion, motion, atol=0.02 * STEP)
 
 
-def test_motions_add_up(t11: PalletModel, mounting: Mounting) -> None:
+def test_slopes_give_the_yaw_and_motions_add_up(t11: PalletModel, mounting: Mounting) -> None:
     motion = STEP * np.array([1.0, -2.0, 3.0, 1.5])
     seen = seen_face(t11, mounting, motion)
     solution = FaceEquations(seen, POSE, mounting, t11).solve()
@@ -119,6 +118,11 @@ def test_motions_add_up(t11: PalletModel, mounting: Mounting) -> None:
     np.testing.assert_allclose(solution.shifts, [edge.fit.offset for edge in seen.edges], atol=0.05 * STEP)
     assert solution.chi2 < 1.0
     np.testing.assert_allclose(solution.weights, 1.0, atol=1e-3)
+    turn = STEP * np.array([0.0, 0.0, 0.0, 1.0])
+    system = FaceEquations(seen_face(t11, mounting, turn, sigma=10.0), POSE, exact(mounting), t11)
+    system.add_slopes(0.1)
+    system.add_height(0.0, 1e-3)
+    assert system.solve().motion[3] == pytest.approx(STEP, rel=0.02)
 
 
 def test_points_seem_to_move_as_they_do_with_a_wrong_mounting(mounting: Mounting) -> None:
@@ -198,14 +202,6 @@ def test_a_lines_yaw_shares_a_mountings_error_and_a_known_turn_does_not(t11: Pal
         sigmas.append(float(np.sqrt(system.solve().covariance[3, 3])))
     assert sigmas[0] == pytest.approx(0.005, rel=1e-2)
     assert sigmas[1] < 1e-4
-
-
-def test_slopes_give_the_yaw_where_offsets_do_not(t11: PalletModel, mounting: Mounting) -> None:
-    turn = STEP * np.array([0.0, 0.0, 0.0, 1.0])
-    system = FaceEquations(seen_face(t11, mounting, turn, sigma=10.0), POSE, exact(mounting), t11)
-    system.add_slopes(0.1)
-    system.add_height(0.0, 1e-3)
-    assert system.solve().motion[3] == pytest.approx(STEP, rel=0.02)
 
 
 def test_one_edge_that_contradicts_the_others_loses_its_weight(t11: PalletModel, mounting: Mounting) -> None:

@@ -69,8 +69,7 @@ class Face:
             if instead == "beside":
                 self.offset[row, lost] = 2 * TOLERANCE
             else:
-                factor = {"nothing": 0.0, "fainter": 0.2, "stronger": 5.0}[instead]
-                self.strength[row, lost] *= factor
+                self.strength[row, lost] *= {"nothing": 0.0, "fainter": 0.2, "stronger": 5.0}[instead]
 
     def hidden(self) -> Spans:
         peaks = EdgePeaks(self.cuts.by_line(self.cuts.along, 0.0), self.offset, self.strength)
@@ -84,8 +83,13 @@ def separate(draw: st.DrawFn) -> Spans:
     return tuple((0.01 * low, 0.01 * high) for low, high in zip(ends[::2], ends[1::2], strict=False))
 
 
-def test_where_all_lines_are_seen_nothing_is_hidden() -> None:
+def test_seen_lines_lost_uprights_and_a_dent_hide_nothing() -> None:
     assert Face.drawn().hidden() == ()
+    face = Face.drawn()
+    face.lose(-HALF, HALF, [EdgeKind.SIDE, EdgeKind.OPENING_SIDE])
+    assert face.hidden() == ()
+    face.lose(-0.4 * BIN, 0.4 * BIN)
+    assert face.hidden() == ()
 
 
 @pytest.mark.parametrize("instead", LOST)
@@ -177,18 +181,6 @@ def test_a_line_alone_widens_what_others_say(side: float) -> None:
     face = Face.drawn()
     face.fits = [None if row in top else fit for row, fit in enumerate(face.fits)]
     face.lose(side * HALF - 0.08 * (side > 0), side * HALF + 0.08 * (side < 0))
-    assert face.hidden() == ()
-
-
-def test_upright_lines_have_no_vote() -> None:
-    face = Face.drawn()
-    face.lose(-HALF, HALF, [EdgeKind.SIDE, EdgeKind.OPENING_SIDE])
-    assert face.hidden() == ()
-
-
-def test_a_dent_hides_nothing() -> None:
-    face = Face.drawn()
-    face.lose(-0.4 * BIN, 0.4 * BIN)
     assert face.hidden() == ()
 
 
@@ -286,21 +278,26 @@ def test_a_post_that_reaches_below_the_face_is_seen(
     assert explained_part(patch, epal, POSE, [(left, right)]) == pytest.approx((right - left) / epal.width)
 
 
-def test_where_the_floor_goes_on_nothing_is_seen(paint_plane: Paints, epal: PalletModel) -> None:
+def test_what_is_only_on_the_face_or_only_below_it_or_floor_is_no_post(
+    paint_plane: Paints, epal: PalletModel
+) -> None:
     beside = seen(paint_plane, {}, aside=0.5)  # the real face stands half a metre aside: floor is where it should be
     assert explained_part(beside, epal, POSE, [(-0.6, -0.1)]) == 0.0
     above = seen(paint_plane, {(0.1, 0.4, 0.02): 20.0})
     assert explained_part(above, epal, POSE, [(0.1, 0.4)]) == 0.0
+    label = seen(paint_plane, {(-0.2, 0.1, 0.02): 20.0})
+    assert visible_occluders(label, epal, POSE) == ()
+    line = seen(paint_plane, {(-0.2, 0.1, -1.0): 20.0, (-0.25, 0.15, 0.0): FACE})
+    assert visible_occluders(line, epal, POSE) == ()
+    assert visible_occluders(label, epal, LevelPose(POSE.x, POSE.y, POSE.z - 0.3, POSE.yaw)) == ()
 
 
-def test_each_hidden_stretch_is_judged_by_itself(paint_plane: Paints, epal: PalletModel) -> None:
+def test_each_hidden_stretch_is_judged_by_itself_and_without_any_or_all_nothing_is_explained(
+    paint_plane: Paints, epal: PalletModel
+) -> None:
     patch = seen(paint_plane, {(-0.4, -0.2, -1.0): 230.0})
     found = explained_part(patch, epal, POSE, [(-0.4, -0.2), (0.3, 0.6)])
     assert found == pytest.approx(0.2 / epal.width)
-
-
-def test_nothing_is_explained_where_nothing_is_hidden_or_left(paint_plane: Paints, epal: PalletModel) -> None:
-    patch = seen(paint_plane, {(-0.4, -0.2, -1.0): 230.0})
     assert explained_part(patch, epal, POSE, []) == 0.0
     assert explained_part(patch, epal, POSE, [(-0.6, 0.6)]) == 0.0
     lifted = LevelPose(POSE.x, POSE.y, POSE.z - 0.3, POSE.yaw)  # what is below the face is out of the view
@@ -315,12 +312,3 @@ def test_a_post_before_a_face_is_seen_where_it_stands(
     ((low, high),) = visible_occluders(seen(paint_plane, {(left, right, -1.0): gray}), epal, POSE)
     assert low == pytest.approx(left, abs=0.025)
     assert high == pytest.approx(right, abs=0.025)
-
-
-def test_what_is_only_on_the_face_or_only_below_it_is_no_post(paint_plane: Paints, epal: PalletModel) -> None:
-    label = seen(paint_plane, {(-0.2, 0.1, 0.02): 20.0})
-    assert visible_occluders(label, epal, POSE) == ()
-    line = seen(paint_plane, {(-0.2, 0.1, -1.0): 20.0, (-0.25, 0.15, 0.0): FACE})
-    assert visible_occluders(line, epal, POSE) == ()
-    lifted = LevelPose(POSE.x, POSE.y, POSE.z - 0.3, POSE.yaw)
-    assert visible_occluders(label, epal, lifted) == ()

@@ -72,6 +72,15 @@ def pallet_file(tmp_path: Path) -> Callable[[str | bytes], Path]:
 
 
 @pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """Return the folder of recordings that may lie beside the repository."""
+    data = Path(__file__).resolve().parents[2].parent / "shared" / "data"
+    if not data.is_dir():
+        pytest.skip("the shared recordings are not here")
+    return data
+
+
+@pytest.fixture(scope="session")
 def epal() -> PalletModel:
     """Return a wooden face, closed below, with edges that are hardly rounded."""
     openings = tuple(Opening(center, 0.022, 0.3825, 0.1) for center in (-0.26375, 0.26375))

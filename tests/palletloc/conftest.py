@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from palletloc import Localizer, LocalizerConfig, Method, Mounting, Opening, PalletModel, Shot, load_library
+from palletloc import Localizer, LocalizerConfig, Method, Mounting, Opening, PalletModel, Shot
 from palletloc.cameras import CameraModel, Equirectangular, Pinhole
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.plane import PlaneGrid, PlaneView
@@ -72,6 +72,15 @@ def pallet_file(tmp_path: Path) -> WritePallets:
 
 
 @pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """Return the folder of recordings that may lie beside the repository."""
+    data = Path(__file__).resolve().parents[2].parent / "shared" / "data"
+    if not data.is_dir():
+        pytest.skip("the shared recordings are not here")
+    return data
+
+
+@pytest.fixture(scope="session")
 def epal() -> PalletModel:
     """Return a wooden face, closed below, with edges that are hardly rounded."""
     openings = tuple(Opening(center, 0.022, 0.3825, 0.1) for center in (-0.26375, 0.26375))
@@ -103,16 +112,6 @@ def model(request: pytest.FixtureRequest) -> PalletModel:
 def models(epal: PalletModel, t11: PalletModel, open_below: PalletModel) -> tuple[PalletModel, ...]:
     """Return all three."""
     return (epal, t11, open_below)
-
-
-@pytest.fixture(
-    params=["epal", "t11", "open_below", *load_library().values()],
-    ids=lambda param: getattr(param, "name", "own-" + str(param)),
-)
-def any_model(request: pytest.FixtureRequest) -> PalletModel:
-    """Return each of the three and each pallet of the library in turn."""
-    found: PalletModel | str = request.param
-    return request.getfixturevalue(found) if isinstance(found, str) else found
 
 
 @pytest.fixture(scope="session")

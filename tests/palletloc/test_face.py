@@ -1,4 +1,5 @@
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -12,15 +13,11 @@ from palletloc import Fit, LevelPose, Opening, PalletModel, ShelfPlane, Shot, St
 from palletloc.edge_fit import EdgeFit
 from palletloc.explained import EdgeFate, SearchAxes, account_edges, edge_name, name_candidates
 from palletloc.face import EdgeKind, EdgeShift, FaceEdge, edge_shift, face_edges, face_lines, visible_lines
+from palletloc.pallet_library import load_library
 from palletloc.refinement.edges import MeasuredEdge, SeenFace
 from tests.palletloc.poses import Makes, Pallets
 
 NEAR = 1e-4
-
-
-@pytest.fixture
-def model(any_model: PalletModel) -> PalletModel:
-    return any_model
 
 
 def is_solid(model: PalletModel, right: float, up: float) -> bool:
@@ -78,6 +75,20 @@ def test_lines_are_all_the_edges_and_level_ones_at_one_height_are_one_line(model
         assert line.whole.end == line.edges[-1].end
         if not line.whole.horizontal:
             assert len(line.edges) == 1
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        test_an_edge_parts_the_solid_from_what_is_outward_of_it,
+        test_edges_are_the_whole_outline_but_for_rounded_corners,
+        test_the_mirrored_face_has_the_mirrored_edges,
+        test_lines_are_all_the_edges_and_level_ones_at_one_height_are_one_line,
+    ],
+)
+def test_it_holds_for_every_pallet_of_the_library(law: Callable[[PalletModel], None]) -> None:
+    for each in load_library().values():
+        law(each)
 
 
 def test_a_face_open_below_stands_on_feet(open_below: PalletModel) -> None:

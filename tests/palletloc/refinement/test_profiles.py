@@ -1,4 +1,5 @@
 import itertools
+from collections.abc import Callable
 from dataclasses import fields, replace
 from typing import NamedTuple
 
@@ -10,6 +11,7 @@ from palletloc import Mounting, Opening, PalletModel, Shot
 from palletloc.cameras import CameraModel, DualFisheye, Equirectangular, FisheyeLens, KannalaBrandt, Pinhole
 from palletloc.face import face_lines
 from palletloc.geometry import BoolArray, FloatArray, Image
+from palletloc.pallet_library import load_library
 from palletloc.plane import PALLET_FROM_VERTICAL
 from palletloc.projection import pixel_sizes
 from palletloc.refinement.profiles import FEWEST_CUTS, MOST_CUTS, FaceCuts, Profiles, cut_profiles, face_cuts
@@ -17,11 +19,6 @@ from tests.palletloc.poses import Shoots
 
 BOX = PalletModel("box", 1.0, 0.4, 1.0, (Opening(-0.2, 0.1, 0.2, 0.2), Opening(0.2, 0.1, 0.2, 0.2)))
 REACH = 0.03
-
-
-@pytest.fixture
-def model(any_model: PalletModel) -> PalletModel:
-    return any_model
 
 
 def lens(cx: float) -> KannalaBrandt:
@@ -285,6 +282,21 @@ def test_the_spacing_is_length_over_cuts_and_without_the_lower_edge_all_else_sta
     assert above.lines == tuple(line for line in whole.lines if line.kind != "bottom")
     kept = np.array([line.kind != "bottom" for line in whole.lines])[whole.line]
     np.testing.assert_array_equal(above.points, whole.points[kept])
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        test_every_stretch_of_every_line_is_covered_evenly_from_end_to_end,
+        test_positions_count_from_the_middle_of_the_whole_line,
+        test_pads_never_count,
+        test_each_row_of_a_table_is_a_line_in_order_and_filled_up_at_its_end,
+        test_the_spacing_is_length_over_cuts_and_without_the_lower_edge_all_else_stays,
+    ],
+)
+def test_it_holds_for_every_pallet_of_the_library(law: Callable[[PalletModel], None]) -> None:
+    for each in load_library().values():
+        law(each)
 
 
 def test_what_is_shared_cannot_be_written_and_other_models_have_other_cuts(

@@ -1,3 +1,4 @@
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ from palletloc.cameras import CameraModel, Equirectangular, KannalaBrandt, Pinho
 from palletloc.face import face_edges
 from palletloc.geometry import FloatArray, wrap_angle
 from palletloc.measurement import HeightPrior, Reason
+from palletloc.pallet_library import load_library
 from palletloc.refinement.hypotheses import SearchConfig
 from palletloc.refinement.patch import FacePatch
 from palletloc.refinement.samples import LEVEL_SPACING, face_samples
@@ -220,11 +222,6 @@ def test_a_start_beyond_the_yaws_that_may_be_is_looked_at_as_far_as_any(portrait
 # The points that are looked at.
 
 
-@pytest.fixture
-def model(any_model: PalletModel) -> PalletModel:
-    return any_model
-
-
 def distances(points: FloatArray, model: PalletModel, horizontal: bool) -> FloatArray:
     """The distance of each point from each edge of a direction, (points, edges)."""
     edges = [edge for edge in face_edges(model) if edge.horizontal is horizontal]
@@ -284,6 +281,19 @@ def test_points_in_every_block_lie_in_the_solid_off_its_edges_and_count_against_
     for left, right in model.blocks:
         if len(block) and right - left > 0.05:
             assert ((block > left) & (block < right)).any()
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        test_the_weights_of_all_edges_add_up_and_each_edge_has_points_on_it_alone,
+        test_points_are_dense_and_their_weight_is_spread_by_length,
+        test_points_in_every_block_lie_in_the_solid_off_its_edges_and_count_against_a_pose,
+    ],
+)
+def test_it_holds_for_every_pallet_of_the_library(law: Callable[[PalletModel], None]) -> None:
+    for each in load_library().values():
+        law(each)
 
 
 def test_what_is_shared_cannot_be_written(t11: PalletModel) -> None:

@@ -295,6 +295,7 @@ def test_what_is_measured_behind_the_face_turns_it_as_far_as_its_depth_is_known(
     better = system.solve()
     assert better.motion[3] == pytest.approx(0.01, rel=0.2)
     assert better.covariance[3, 3] < 0.1 * solution.covariance[3, 3]
+    system, solution, behind = level_system(exact(mounting), sigma=0.01)
     rear = [edge for edge in behind if edge.level == 4]
     mean = motion_of(system, rear).mean(axis=0)
     system.add_offset(mean, 0.0, 1e-7)

@@ -86,6 +86,7 @@ def test_seen_lines_lost_uprights_and_a_dent_hide_nothing() -> None:
     face = Face.drawn()
     face.lose(-HALF, HALF, [EdgeKind.SIDE, EdgeKind.OPENING_SIDE])
     assert face.hidden() == ()
+    face = Face.drawn()
     face.lose(-0.4 * BIN, 0.4 * BIN)
     assert face.hidden() == ()
 

@@ -125,6 +125,8 @@ def test_colour_gray_and_the_negative_have_the_same_profiles(shoot_face: Shoots)
         only[..., channel] = image
         np.testing.assert_allclose(read(camera, only, plane).profiles.gradient(1.0), gray, rtol=1e-3, atol=1e-3)
     camera, direction = VIEWS["fisheye"]
+    plane = facing(direction)
+    image = shoot_face(camera, plane, BOX)
     here, other = (read(camera, picture, plane).profiles.gradient(1.0) for picture in (image, 255 - image))
     np.testing.assert_allclose(here, other, atol=1e-3)
 

@@ -118,9 +118,7 @@ def test_the_list_of_commands_says_what_the_commands_say_themselves() -> None:
         assert text.strip().splitlines()[0] == command.summary
 
 
-def test_bad_input_and_files_are_one_line_and_code_1(
-    commands: list[Command], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_bad_input_is_one_line_and_exit_code_1(commands: list[Command], capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["refuses"], commands) == 1
     assert capsys.readouterr() == ("", "palletloc: shots.csv, line 3: 'time_s' is not a number\n")
     assert run(["cannot-read"], commands) == 1

@@ -15,6 +15,7 @@ from palletloc.plane import PlaneView
 POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
 """Of a pallet on the floor, to the left of the forklift."""
 FLOOR = HeightPrior(0.0, 0.003)
+Height = HeightPrior | None
 CONFIG = LocalizerConfig()
 Portrait = Callable[..., Shot]
 Photograph = Callable[..., Shot]

@@ -14,7 +14,7 @@ from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
 from palletloc.refinement.face_fit import FaceEstimate, fit_face
 from palletloc.refinement.level_lines import LevelYaw
 from palletloc.refinement.patch import FacePatch, view_patch
-from tests.palletloc.poses import CONFIG, FLOOR, Outcome, Photograph, fit_of
+from tests.palletloc.poses import CONFIG, FLOOR, Height, Outcome, Photograph, fit_of
 
 CERTAIN = replace(CONFIG, face_fit=replace(CONFIG.face_fit, max_doubt=4.0))
 """The first fit of a pallet leaves no doubt."""
@@ -49,7 +49,7 @@ def kept(
     model: PalletModel,
     poses: Sequence[LevelPose],
     weak: bool = False,
-    height: HeightPrior | None = FLOOR,
+    height: Height = FLOOR,
     config: LocalizerConfig = CONFIG,
     prepare: Callable[[LevelPose], FitStart] = as_found,
 ) -> Outcome:
@@ -62,7 +62,7 @@ def tried(
     poses: Sequence[LevelPose],
     weak: bool,
     config: LocalizerConfig = CONFIG,
-    height: HeightPrior | None = FLOOR,
+    height: Height = FLOOR,
 ) -> tuple[list[LevelPose], Outcome]:
     """Return which starts are fitted, and what is kept."""
     called: list[LevelPose] = []
@@ -125,7 +125,7 @@ def test_a_start_next_to_what_was_measured_is_not_tried_again(pair: Shot, t11: P
 
 @pytest.mark.parametrize("height", [FLOOR, None], ids=["floor", "any"])
 def test_a_start_next_to_a_fit_that_was_refused_is_tried_on_a_level(
-    height: HeightPrior | None, pair: Shot, t11: PalletModel, monkeypatch: pytest.MonkeyPatch
+    height: Height, pair: Shot, t11: PalletModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def contradicted(*given: Any) -> FaceEstimate | Reason:
         face = fit_face(*given)

@@ -230,9 +230,7 @@ def patch(portrait: Portrait, epal: PalletModel) -> FacePatch:
     return found
 
 
-def test_each_opening_is_compared_with_its_blocks_and_aside_contrast_is_lost(
-    patch: FacePatch, epal: PalletModel
-) -> None:
+def test_openings_are_compared_with_their_blocks_and_aside_all_is_lost(patch: FacePatch, epal: PalletModel) -> None:
     both = opening_contrasts(patch, epal, POSE)
     assert both.shape == (2,)
     assert least_contrast(patch, epal, POSE) == both.min() > 1.5

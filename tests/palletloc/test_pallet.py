@@ -1,6 +1,5 @@
 """Which faces can be built, and bad files of them: one line with file, line or key, and what was expected."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -193,9 +192,7 @@ def test_what_is_no_file_is_named(tmp_path: Path) -> None:
         ("a: &a [*a]\n", ": a: expected a mapping of keys to values, got a list"),
     ],
 )
-def test_a_file_holds_models_by_name(
-    pallet_file: Callable[[str | bytes], Path], content: str | bytes, problem: str
-) -> None:
+def test_a_file_holds_models_by_name(pallet_file: WritePallets, content: str | bytes, problem: str) -> None:
     assert complaint(pallet_file(content)) == problem
 
 

@@ -1,5 +1,4 @@
 import re
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -12,6 +11,7 @@ from hypothesis import strategies as st
 
 from palletloc import Opening, PalletLocError, PalletModel, find_models, load_library
 from palletloc.pallet_library import format_pallets, read_pallets
+from tests.palletloc.poses import WritePallets
 
 ROOT = Path(__file__).resolve().parents[2]
 SHARED = ROOT.parent / "shared/data"
@@ -139,9 +139,7 @@ def test_an_unknown_name_gives_the_nearest(name: str, nearest: str) -> None:
 # The form of the file.
 
 
-def test_a_file_may_leave_out_keys_begin_with_a_mark_and_be_named_by_text(
-    pallet_file: Callable[[str | bytes], Path],
-) -> None:
+def test_a_file_may_leave_out_keys_begin_with_a_mark_and_be_named_by_text(pallet_file: WritePallets) -> None:
     opening = Opening(center=0.1, bottom=0.02, width=0.3, height=0.1)
     expected = PalletModel("mine", width=1.1, height=0.144, depth=0.9, openings=(opening,))
     assert read_pallets(pallet_file(GOOD)) == {"mine": expected}
@@ -149,19 +147,19 @@ def test_a_file_may_leave_out_keys_begin_with_a_mark_and_be_named_by_text(
     assert list(read_pallets(pallet_file(b"\xef\xbb\xbf" + GOOD.encode()))) == ["mine"]
 
 
-def test_pockets_are_openings_beside_the_middle_block(pallet_file: Callable[[str | bytes], Path]) -> None:
+def test_pockets_are_openings_beside_the_middle_block(pallet_file: WritePallets) -> None:
     model = read_pallets(pallet_file(f"mine: {{{FACE}, parametric: {POCKETS}}}"))["mine"]
     assert model.openings == (Opening(-0.25, 0.0, 0.3, 0.1), Opening(0.25, 0.0, 0.3, 0.1))
     assert millimetres(model) == [150, 300, 200, 300, 150]
 
 
 @pytest.mark.parametrize("number", ["9e-1", "0.9", ".9", "+0.9"])
-def test_a_number_is_a_number_however_it_is_written(pallet_file: Callable[[str | bytes], Path], number: str) -> None:
+def test_a_number_is_a_number_however_it_is_written(pallet_file: WritePallets, number: str) -> None:
     content = GOOD.replace("depth_m: 0.9", f"depth_m: {number}")
     assert read_pallets(pallet_file(content))["mine"].depth == 0.9
 
 
-def test_an_anchor_repeats_a_value(pallet_file: Callable[[str | bytes], Path]) -> None:
+def test_an_anchor_repeats_a_value(pallet_file: WritePallets) -> None:
     text = f"one: &one {{{FACE}, openings: [{OPENING}]}}\ntwo: {{<<: *one, depth_m: 2}}\n"
     models = read_pallets(pallet_file(text))
     assert replace(models["one"], name="two", depth=2.0) == models["two"]
@@ -206,9 +204,7 @@ def test_what_is_written_is_read_back_unchanged(model: PalletModel, tmp_path_fac
     assert read_pallets(path) == {model.name: model}
 
 
-def test_the_library_is_written_as_the_contract_says_and_read_back(
-    pallet_file: Callable[[str | bytes], Path],
-) -> None:
+def test_the_library_is_written_as_the_contract_says_and_read_back(pallet_file: WritePallets) -> None:
     assert read_pallets(pallet_file(format_pallets(LIBRARY.values()))) == LIBRARY
     written = yaml.safe_load(format_pallets([LIBRARY["t11-plastic"]]))["t11-plastic"]
     assert {"width_m", "height_m", "depth_m", "corner_radius_m", "edge_radius_m", "openings"} <= set(written)

@@ -14,12 +14,12 @@ from palletloc.refinement.face_fit import FaceEstimate, FacePrior, fit_face
 from palletloc.refinement.patch import FacePatch, view_patch
 from palletloc.rivals import Rival, any_height, one_opening_aside, other_model, other_starts, own_start, wide_start
 from palletloc.verification import Evidence
-from tests.palletloc.poses import CONFIG, FLOOR, POSE, Outcome, Portrait, found, moved, slid
+from tests.palletloc.poses import CONFIG, FLOOR, POSE, Height, Outcome, Portrait, found, moved, slid
 
 CERTAIN, DOUBTFUL = Evidence(4.0, 1.0, 0.8, 0.1), Evidence(2.2, 0.6, 0.5, 3.0)
 
 
-def measured(shot: Shot, model: PalletModel, start: LevelPose = POSE, height: HeightPrior | None = FLOOR) -> Outcome:
+def measured(shot: Shot, model: PalletModel, start: LevelPose = POSE, height: Height = FLOOR) -> Outcome:
     return measure_refined(shot, Candidate(model, start, height), CONFIG)
 
 
@@ -156,9 +156,7 @@ def test_at_any_height_a_model_gives_way_to_the_one_that_stands_there(
     assert np.abs(right.pose.minus(POSE))[:3].max() < 0.03
 
 
-def test_an_alike_model_is_no_contradiction_and_on_a_level_none_is_tried(
-    portrait: Portrait, t11: PalletModel
-) -> None:
+def test_models_alike_contradict_nothing_and_on_a_level_none_is_tried(portrait: Portrait, t11: PalletModel) -> None:
     shot, alike = portrait(t11, POSE), replace(t11, name="alike", width=t11.width + 0.002)
     alone, together = (
         Localizer(models).localize_from(shot, [Start("t11", POSE)])[0] for models in ([t11], [t11, alike])

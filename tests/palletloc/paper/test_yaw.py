@@ -9,13 +9,7 @@ from palletloc.geometry import BoolArray, FloatArray
 from palletloc.measurement import Reason, YawSource
 from palletloc.paper import horizontal_view
 from palletloc.paper.boundary import BoundaryLine, boundary_lines
-from palletloc.paper.horizontal_view import (
-    BoundaryMethod,
-    HorizontalView,
-    YawConfig,
-    horizontal_source,
-    view_horizontal,
-)
+from palletloc.paper.horizontal_view import BoundaryMethod, HorizontalView, YawConfig, view_horizontal
 from palletloc.paper.yaw import YawEstimate, find_lines, measure_line, measure_yaw
 from palletloc.plane import PlaneGrid, PlaneView
 from tests.palletloc.poses import POSE, Portrait, blanked, moved, slid
@@ -24,7 +18,9 @@ HIGH = replace(POSE, z=3.3)
 CONFIG = YawConfig()
 
 
-def viewed(shot: Shot, model: PalletModel, start: LevelPose, source: YawSource) -> HorizontalView:
+def viewed(
+    shot: Shot, model: PalletModel, start: LevelPose = POSE, source: YawSource = YawSource.BOTTOM
+) -> HorizontalView:
     return view_horizontal(shot, start, model, source, CONFIG)
 
 
@@ -136,24 +132,24 @@ def test_a_line_is_measured_finer_than_it_was_found(turn_deg: float, portrait: P
 # Views of level planes.
 
 
-def seen_from(
-    shot: Shot, model: PalletModel, pose: LevelPose = POSE, source: YawSource = YawSource.BOTTOM
-) -> HorizontalView:
-    return view_horizontal(shot, pose, model, source, CONFIG)
-
-
 @pytest.mark.parametrize("distance", [0.8, 2.0, 4.0])
 def test_the_plane_is_below_level_or_above_as_the_pallet_is(distance: float, epal: PalletModel) -> None:
     far = distance / CONFIG.max_lever + epal.height + 0.01
     middle = epal.height / 2
-    chosen = [horizontal_source(epal, np.array([0.4, height, distance]), CONFIG) for height in (far, middle, -far)]
+    chosen = [
+        horizontal_view.horizontal_source(epal, np.array([0.4, height, distance]), CONFIG)
+        for height in (far, middle, -far)
+    ]
     assert chosen == [YawSource.BOTTOM, YawSource.FACE, YawSource.TOP]
 
 
 def test_the_farther_the_face_the_wider_the_band_without_a_plane(epal: PalletModel) -> None:
     heights = np.linspace(-2.0, 2.0, 401)
     without = [
-        sum(horizontal_source(epal, np.array([0.4, z, distance]), CONFIG) is YawSource.FACE for z in heights)
+        sum(
+            horizontal_view.horizontal_source(epal, np.array([0.4, z, distance]), CONFIG) is YawSource.FACE
+            for z in heights
+        )
         for distance in (1.5, 2.5, 3.5)
     ]
     assert 0 < without[0] < without[1] < without[2]
@@ -162,7 +158,7 @@ def test_the_farther_the_face_the_wider_the_band_without_a_plane(epal: PalletMod
 @pytest.mark.parametrize("source", [YawSource.BOTTOM, YawSource.TOP])
 def test_the_plane_goes_level_through_the_edge(source: YawSource, portrait: Portrait, t11: PalletModel) -> None:
     shot = portrait(t11, POSE)
-    seen = seen_from(shot, t11, source=source)
+    seen = viewed(shot, t11, source=source)
     assert seen.source is source
     assert seen.height == (0.0 if source is YawSource.BOTTOM else t11.height)
     forklift_from_plane = shot.mounting.forklift_from_camera * seen.view.camera_from_plane
@@ -176,7 +172,7 @@ def test_the_plane_goes_level_through_the_edge(source: YawSource, portrait: Port
 
 @pytest.mark.parametrize("source", [YawSource.BOTTOM, YawSource.TOP])
 def test_every_level_edge_of_a_face_is_in_the_view(source: YawSource, portrait: Portrait, epal: PalletModel) -> None:
-    seen = seen_from(portrait(epal, POSE), epal, source=source)
+    seen = viewed(portrait(epal, POSE), epal, source=source)
     grid, camera = seen.view.grid, seen.plane_from_camera
     low, high = grid.top - (grid.rows - 1) * grid.resolution, grid.top
     for height in (0.0, 0.022, 0.122, epal.height):
@@ -201,7 +197,7 @@ def test_a_place_farther_on_the_ray_gives_a_similar_picture(portrait: Portrait, 
     places = ((1.0, POSE), (1.05, slid(shot, POSE, 1.05)))
     points = np.array([[0.3, 0.05, 0.0], [-0.4, -0.05, 0.0], [0.0, 0.1, 0.0]])
     near, far = (
-        shot.camera.project(seen_from(shot, t11, pose).view.camera_from_plane.apply(scale * points))
+        shot.camera.project(viewed(shot, t11, pose).view.camera_from_plane.apply(scale * points))
         for scale, pose in places
     )
     np.testing.assert_allclose(far.pixels, near.pixels, atol=1e-6)

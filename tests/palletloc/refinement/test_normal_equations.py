@@ -139,9 +139,7 @@ def test_points_seem_to_move_as_they_do_with_a_wrong_mounting(mounting: Mounting
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2, 5], ids=["x", "y", "z", "yaw"])
-def test_a_wrong_mounting_moves_it_as_geometry_and_covariance_say(
-    axis: int, t11: PalletModel, mounting: Mounting
-) -> None:
+def test_wrong_mountings_move_it_as_covariances_say(axis: int, t11: PalletModel, mounting: Mounting) -> None:
     errors = STEP * np.eye(6)[axis]
     solution = FaceEquations(seen_face(t11, mounting, errors=errors), POSE, exact(mounting), t11).solve()
     np.testing.assert_allclose(solution.motion, induced(mounting, errors), atol=0.05 * STEP)
@@ -202,9 +200,7 @@ def test_a_lines_yaw_shares_a_mountings_error_and_a_known_turn_does_not(t11: Pal
     assert sigmas[1] < 1e-4
 
 
-def test_a_contradicting_edge_loses_weight_and_scatter_widens_the_covariance(
-    t11: PalletModel, mounting: Mounting
-) -> None:
+def test_an_odd_edge_loses_weight_and_scatter_widens_the_covariance(t11: PalletModel, mounting: Mounting) -> None:
     count = len(face_lines(t11))
     for wrong in range(count):
         noise = 0.030 * np.eye(count)[wrong]

@@ -301,9 +301,7 @@ def test_it_holds_for_every_pallet_of_the_library(law: Callable[[PalletModel], N
         law(each)
 
 
-def test_what_is_shared_cannot_be_written_and_other_models_have_other_cuts(
-    t11: PalletModel, epal: PalletModel
-) -> None:
+def test_what_is_shared_cannot_be_written_and_each_model_has_its_cuts(t11: PalletModel, epal: PalletModel) -> None:
     cuts = cuts_of(t11)
     assert cuts_of(t11) is cuts
     arrays = [

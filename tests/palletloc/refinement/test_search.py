@@ -8,13 +8,13 @@ from palletloc import LevelPose, PalletModel, Shot
 from palletloc.cameras import CameraModel, Equirectangular, KannalaBrandt, Pinhole
 from palletloc.face import face_edges
 from palletloc.geometry import FloatArray, wrap_angle
-from palletloc.measurement import HeightPrior, Reason
+from palletloc.measurement import Reason
 from palletloc.pallet_library import load_library
 from palletloc.refinement.hypotheses import SearchConfig
 from palletloc.refinement.patch import FacePatch
 from palletloc.refinement.samples import LEVEL_SPACING, face_samples
 from palletloc.refinement.search import Search, search
-from tests.palletloc.poses import FLOOR, POSE, Photograph, Portrait, blanked
+from tests.palletloc.poses import FLOOR, POSE, Height, Photograph, Portrait, blanked
 
 FAR = SearchConfig(turn_deg=24.0, nearer=0.9, farther=0.9)
 NEAR = SearchConfig()
@@ -62,7 +62,7 @@ def off(shot: Shot, pose: LevelPose, turn_deg: float, along: float) -> LevelPose
 
 
 def looked(
-    shot: Shot, start: LevelPose, model: PalletModel, height: HeightPrior | None = FLOOR, config: SearchConfig = FAR
+    shot: Shot, start: LevelPose, model: PalletModel, height: Height = FLOOR, config: SearchConfig = FAR
 ) -> Search | Reason:
     return search(shot, start, model, height, config)
 
@@ -156,7 +156,7 @@ def test_places_come_the_best_first_each_with_a_view_of_all_the_face(portrait: P
 
 
 @pytest.mark.parametrize("height", [FLOOR, None], ids=["level", "free"])
-def test_it_looks_as_far_as_it_is_told(height: HeightPrior | None, floor_shot: Shot, t11: PalletModel) -> None:
+def test_it_looks_as_far_as_it_is_told(height: Height, floor_shot: Shot, t11: PalletModel) -> None:
     config = SearchConfig(turn_deg=11.0, nearer=0.2, farther=0.5, sideways=0.03, upward=0.05)
     found = looked(floor_shot, POSE, t11, height, config)
     assert isinstance(found, Search)

@@ -45,7 +45,7 @@ def name_candidates(explanation: Explanation) -> Named:
 
 
 def given_up(outcome: Fit | Refusal) -> str:
-    """Return what a title says of a candidate that was given up: where and why; nothing for a pallet."""
+    """Return what a title states of a candidate that was given up: where and why; nothing for a pallet."""
     if isinstance(outcome, Fit):
         return ""
     return f" (given up in {outcome.stage}: {str(outcome.reason).replace('_', ' ')})"

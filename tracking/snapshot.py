@@ -148,11 +148,10 @@ def restored(memory: Memory, model: UpdateModel) -> Parts:
             for observation in _observations(measurements, model.config):
                 window.place(time, observation)
         held = [_ready(given, model.config) for given in memory.held]
+        window.run()
     except BadInputError as error:
         raise fault("", str(error)) from None
-    try:
-        window.run()
-    except (ArithmeticError, ValueError) as error:  # with numbers that are beyond all reason together
+    except (ArithmeticError, ValueError) as error:  # parameters or numbers that are beyond reason together
         raise fault("shots", f"their steps cannot be done again: {error}") from None
     log.numbering = TrackNumbers(dict(memory.numbers), memory.following)
     log.dispositions, log.statuses = dict(memory.dispositions), dict(memory.statuses)

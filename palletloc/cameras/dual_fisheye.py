@@ -48,7 +48,7 @@ class DualFisheye:
     _image_split: FloatArray = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Refuse lenses that cannot be told apart, and prepare what tells them apart."""
+        """Refuse lenses that cannot be distinguished, and prepare how to distinguish them."""
         front, back = self.front.model, self.back.model
         if (front.width, front.height) != (back.width, back.height):
             raise ValueError(

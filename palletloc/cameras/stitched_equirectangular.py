@@ -59,7 +59,7 @@ class StitchedEquirectangular:
     _towards_front: FloatArray = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Refuse lenses that fold or cannot be told apart, and prepare what tells them apart."""
+        """Refuse lenses that fold or cannot be distinguished, and prepare how to distinguish them."""
         bends = tuple(OddPolynomial((lens.k1, lens.k2)) for lens in (self.front, self.back))
         for name, bend in zip(("front", "back"), bends, strict=True):
             end = bend.increasing_until()

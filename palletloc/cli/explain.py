@@ -32,13 +32,11 @@ def explain(
     shot: Annotated[int, typer.Option(metavar="I", help="Number of the shot; the first is 0.")],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the pictures; made if missing.")],
     initial: Annotated[
-        Path | None,
-        typer.Option(metavar="CSV", help="Start from these poses instead of detecting pallets."),
+        Path | None, typer.Option(metavar="CSV", help="Start from these poses instead of detecting pallets.")
     ] = None,
     method: Annotated[Method, typer.Option(help="How poses are measured.")] = Method.REFINED,
     config: Annotated[
-        Path | None,
-        typer.Option(metavar="YAML", help="Parameters of your own; see palletloc config."),
+        Path | None, typer.Option(metavar="YAML", help="Parameters of your own; see palletloc config.")
     ] = None,
     refused: Annotated[bool, typer.Option("--refused", help="Draw the steps of what was given up, too.")] = False,
 ) -> None:

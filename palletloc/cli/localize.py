@@ -26,13 +26,11 @@ def localize(
     recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="Folder of the recording.")],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results; made if missing.")],
     initial: Annotated[
-        Path | None,
-        typer.Option(metavar="CSV", help="Start from these poses instead of detecting pallets."),
+        Path | None, typer.Option(metavar="CSV", help="Start from these poses instead of detecting pallets.")
     ] = None,
     method: Annotated[Method, typer.Option(help="How poses are measured.")] = Method.REFINED,
     config: Annotated[
-        Path | None,
-        typer.Option(metavar="YAML", help="Parameters of your own; see palletloc config."),
+        Path | None, typer.Option(metavar="YAML", help="Parameters of your own; see palletloc config.")
     ] = None,
     strict: Annotated[bool, typer.Option("--strict", help="Stop at the first shot that cannot be used.")] = False,
     resume: Annotated[

@@ -28,8 +28,7 @@ def pallets(
         typer.Argument(metavar="NAME", help="Models to show, with sources in full; all if left out."),
     ] = None,
     file: Annotated[
-        Path | None,
-        typer.Option("--file", metavar="YAML", help="Your own pallets.yaml; its models come first."),
+        Path | None, typer.Option("--file", metavar="YAML", help="Your own pallets.yaml; its models come first.")
     ] = None,
     draw: Annotated[
         Path | None, typer.Option("--draw", metavar="PNG", help="Draw the models to scale into this file.")
@@ -63,12 +62,7 @@ def _table(models: Sequence[PalletModel]) -> Table:
     """Return one row for each model, in millimetres."""
     title = f"Front faces: width {_TIMES} height in mm; openings at the level where they begin"
     table = Table(
-        box=box.SIMPLE_HEAD,
-        expand=True,
-        padding=(0, 1, 0, 0),
-        title=title,
-        title_justify="left",
-        title_style="",
+        box=box.SIMPLE_HEAD, expand=True, padding=(0, 1, 0, 0), title=title, title_justify="left", title_style=""
     )
     table.add_column("name", no_wrap=True)
     table.add_column("face", justify="right", no_wrap=True)

@@ -26,8 +26,7 @@ def simulate(
     shots: Annotated[int, typer.Option(min=1, help="How many shots along the approach.")] = 12,
     width: Annotated[int, typer.Option(min=64, max=16384, help="Width of an image, in pixels.")] = 1920,
     model: Annotated[
-        list[str] | None,
-        typer.Option(help="Pallet model in the rack; may be repeated (epal1-1200 if none)."),
+        list[str] | None, typer.Option(help="Pallet model in the rack; may be repeated (epal1-1200 if none).")
     ] = None,
     side: Annotated[Side, typer.Option(help="Side of the shelf.")] = Side.LEFT,
     camera: Annotated[CameraKind, typer.Option(help="Kind of camera.")] = CameraKind.EQUIRECTANGULAR,

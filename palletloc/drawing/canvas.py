@@ -50,7 +50,7 @@ def new_figure(height_px: float) -> Figure:
 
 
 def add_axes(figure: Figure, left: float, top: float, width: float, height: float) -> Axes:
-    """Add axes at a place that is told in pixels from the figure's upper left corner."""
+    """Add axes at a place that is given in pixels from the figure's upper left corner."""
     wide, high = figure.get_size_inches() * DPI
     axes = figure.add_axes((left / wide, 1 - (top + height) / high, width / wide, height / high))
     axes.tick_params(labelsize=9, colors=FAINT, length=3)
@@ -62,7 +62,7 @@ def add_axes(figure: Figure, left: float, top: float, width: float, height: floa
 
 
 def add_text(figure: Figure, left: float, top: float, text: str, *, size: float = 10, bold: bool = False) -> None:
-    """Write a line whose upper left corner is told in pixels from the figure's upper left corner."""
+    """Write a line whose upper left corner is given in pixels from the figure's upper left corner."""
     wide, high = figure.get_size_inches() * DPI
     color, weight = (INK, "bold") if bold else (FAINT, "normal")
     figure.text(left / wide, 1 - top / high, text, size=size, color=color, weight=weight, va="top", parse_math=False)

@@ -196,7 +196,7 @@ def _view(shot: Shot, pose: LevelPose, model: PalletModel) -> PlaneView | None:
 
 
 def _counts(edges: Sequence[EdgeAccount]) -> str:
-    """Return what is to be said of the edges."""
+    """Return how many edges the fit used, rejected and did not see."""
     if not edges:
         return ""
     counts = {fate: sum(edge.fate is fate for edge in edges) for fate in _FATE_STYLES}

@@ -237,13 +237,7 @@ class _FaceDrawing:
             model.name, (left, top + 0.33), size=_NAME_PT, weight="bold", color=_INK, parse_math=False
         )
         self.axes.annotate(
-            word,
-            (1, 0),
-            xytext=(8, 2.5),
-            xycoords=name,
-            textcoords="offset points",
-            size=_TEXT_PT,
-            color=color,
+            word, (1, 0), xytext=(8, 2.5), xycoords=name, textcoords="offset points", size=_TEXT_PT, color=color
         )
         size = f"{model.width * 1000:g} {TIMES} {model.height * 1000:g}, {model.depth * 1000:g} deep"
         line = f"{size} · edge radius {model.edge_radius * 1000:g} · tolerance {model.tolerance * 1000:g}"

@@ -70,7 +70,7 @@ def plan_figure(pallets: Sequence[Placed], mounting: Mounting, shelf: ShelfPlane
     -------
     Figure
         Ahead is to the right, the forklift's left is up. Ellipses and fans show one and three standard deviations
-        of position and yaw; where they would be too small to be seen, magnified by a factor that the figure tells.
+        of position and yaw; where they would be too small to be seen, magnified by a factor that the figure states.
     """
     corners = [_corners(model, pose) for _, model, pose, _ in pallets]
     x, y, _ = mounting.center

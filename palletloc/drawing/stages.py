@@ -75,7 +75,7 @@ def stage_pictures(
     drawable = [(name, outcome) for name, outcome in named if np.isfinite(outcome.candidate.start.as_array()).all()]
     steps = [(name, outcome) for name, outcome in drawable if isinstance(outcome, Fit) or with_refused]
     yield from step_pictures(steps, shot)
-    # on the shelf, what was given up lies too densely to be told apart in the shot
+    # on the shelf, what was given up lies too densely to be distinguished in the shot
     seen = [(name, outcome) for name, outcome in steps if isinstance(outcome, Fit) or not explanation.shelf_views]
     yield from _overlay_pictures(seen, shot)
     placed = [(name, fit.candidate.model, fit.pose, fit.covariance) for name, fit in named if isinstance(fit, Fit)]

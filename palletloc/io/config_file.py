@@ -247,8 +247,8 @@ def _lines(values: Any, defaults: Any, indent: str) -> Iterator[str]:
         changed = "" if value == default else f" [default: {_scalar(default)}]"
         yield from _comment(meaning + changed, indent)
         if isinstance(value, StrEnum):
-            for word, says in field_meanings(type(value)).items():
-                yield from _comment(f"- {type(value)[word]}: {says}", indent)
+            for member, text in field_meanings(type(value)).items():
+                yield from _comment(f"- {type(value)[member]}: {text}", indent)
         yield f"{indent}{field.name}: {_scalar(value)}"
 
 
@@ -264,7 +264,7 @@ def _scalar(value: Any) -> str:
 
 
 def field_meanings(kind: type) -> Mapping[str, str]:
-    """Return what a class says about its fields or members.
+    """Return what a class states about its fields or members.
 
     Parameters
     ----------

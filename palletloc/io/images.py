@@ -41,7 +41,7 @@ class ImageHeader(NamedTuple):
 
 
 def read_header(content: bytes) -> ImageHeader | None:
-    """Return what a JPEG or PNG file says about itself.
+    """Return what a JPEG or PNG file states about itself.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ class ImageError(InputError):
 
 
 def read_image(path: Path, size: tuple[int, int] | None = None, *, gray: bool = False) -> Image:
-    """Read a JPEG or PNG file; its pixels as the camera wrote them, whatever its EXIF orientation says.
+    """Read a JPEG or PNG file; its pixels as the camera wrote them, whatever its EXIF orientation is.
 
     Size and completeness are read from the file's own structure first: a huge or truncated file is never
     decoded. Damage inside the compressed data of a complete JPEG file cannot be seen that way.
@@ -118,7 +118,7 @@ def read_image(path: Path, size: tuple[int, int] | None = None, *, gray: bool = 
     path : Path
         The file.
     size : (width, height), optional
-        What the camera says, in pixels.
+        The camera's, in pixels.
     gray : bool
         Whether to decode to gray, which is faster.
 
@@ -166,7 +166,7 @@ def _check_content(path: Path, content: bytes, size: tuple[int, int] | None) -> 
 
 
 def write_image(path: Path, image: Image, *, quality: int = 95) -> None:
-    """Write an image whole or not at all, in the format that its name says.
+    """Write an image whole or not at all, in the format that its name asks for.
 
     Parameters
     ----------

@@ -62,7 +62,7 @@ class ShotFile:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
-    """What a recording's folder says; the images stay in their files until they are asked for."""
+    """The content of a recording's folder; the images stay in their files until they are asked for."""
 
     folder: Path
     """Where it is."""

@@ -14,13 +14,7 @@ from typing import Any, Self
 from palletloc import __version__
 from palletloc.io.atomic import Journal, cannot_write, write_text
 from palletloc.io.csv_table import write_rows
-from palletloc.io.measurements import (
-    MEASUREMENT_COLUMNS,
-    REFUSAL_COLUMNS,
-    NoPose,
-    measurement_cells,
-    refusal_cells,
-)
+from palletloc.io.measurements import MEASUREMENT_COLUMNS, REFUSAL_COLUMNS, NoPose, measurement_cells, refusal_cells
 from palletloc.io.reading import InputError, read_bytes, read_text
 from palletloc.io.recording import Recording, ShotFile
 from palletloc.measurement import PalletMeasurement, RefusedCandidate

@@ -144,7 +144,7 @@ CameraSpec = Annotated[
     | StitchedSpec,
     Field(discriminator="model"),
 ]
-"""Any camera model, told apart by its key ``model``."""
+"""Any camera model, distinguished by its key ``model``."""
 
 
 class MountingSpec(Document):

@@ -213,10 +213,7 @@ def _misshapen_once(model: PalletModel, misfit: float, rng: np.random.Generator)
 
     def shaped(opening: Opening) -> Opening:
         return replace(
-            opening,
-            center=opening.center + off(),
-            width=opening.width + off(),
-            height=opening.height + off(),
+            opening, center=opening.center + off(), width=opening.width + off(), height=opening.height + off()
         )
 
     openings = tuple(shaped(opening) for opening in model.openings)

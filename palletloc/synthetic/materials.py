@@ -24,25 +24,13 @@ WOODS = tuple(
 
 PLASTICS = tuple(
     Material(colour, _MOULDED, gloss=0.5)
-    for colour in (
-        srgb(40, 78, 178),
-        srgb(60, 62, 66),
-        srgb(150, 152, 150),
-        srgb(40, 120, 80),
-        srgb(178, 60, 40),
-    )
+    for colour in (srgb(40, 78, 178), srgb(60, 62, 66), srgb(150, 152, 150), srgb(40, 120, 80), srgb(178, 60, 40))
 )
 """Moulded plastic of pallets and bins: blue, black, grey, green, red."""
 
 PAINTS = tuple(
     Material(colour, _PAINTED, gloss=0.4)
-    for colour in (
-        srgb(226, 106, 32),
-        srgb(52, 74, 144),
-        srgb(228, 186, 40),
-        srgb(150, 152, 156),
-        srgb(52, 110, 78),
-    )
+    for colour in (srgb(226, 106, 32), srgb(52, 74, 144), srgb(228, 186, 40), srgb(150, 152, 156), srgb(52, 110, 78))
 )
 """Painted steel of racks: orange, blue, yellow, grey, green."""
 
@@ -56,10 +44,7 @@ FILM = Material(srgb(206, 208, 206), (Texture(_STREAK, 0.7, 0.06), Texture(_CLOU
 """A load in stretch film."""
 
 CONCRETES = tuple(
-    Material(
-        colour,
-        (Texture(_CLOUD, 7.3, blotches), Texture(_SPECKLE, 1.1, grains), Texture(_CLOUD, 1.9, 0.03)),
-    )
+    Material(colour, (Texture(_CLOUD, 7.3, blotches), Texture(_SPECKLE, 1.1, grains), Texture(_CLOUD, 1.9, 0.03)))
     for colour, blotches, grains in (
         (srgb(152, 150, 144), 0.10, 0.05),
         (srgb(128, 130, 132), 0.05, 0.03),

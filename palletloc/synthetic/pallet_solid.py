@@ -20,7 +20,7 @@ from palletloc.synthetic.samples import Samples, lengths
 from palletloc.synthetic.scene import Box, Decal, Material
 
 _ROW_SHARE = 0.125
-"""Depth of a row of blocks where the model says none, in parts of the pallet's: 100 mm of 800 mm."""
+"""Depth of a row of blocks where the model has none, in parts of the pallet's: 100 mm of 800 mm."""
 _STRINGER = 0.07
 """Width below which what stands between openings is a stringer of the whole depth, in metres."""
 _BOARD = 0.024
@@ -204,10 +204,7 @@ class PalletBody:
                 for left, right in self.stands
             ]
             pieces += [
-                (
-                    np.array([start, -o.center - o.width / 2, 0.0]),
-                    np.array([end, -o.center + o.width / 2, o.bottom]),
-                )
+                (np.array([start, -o.center - o.width / 2, 0.0]), np.array([end, -o.center + o.width / 2, o.bottom]))
                 for o in self.model.openings
                 if not o.open_below
             ]

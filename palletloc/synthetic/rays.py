@@ -22,7 +22,7 @@ _PART = 1 << 20
 
 @dataclass(frozen=True, slots=True)
 class TiledRays:
-    """Rays in the order of their tiles, in the frame that their owner says."""
+    """Rays in the order of their tiles, in the frame of their owner."""
 
     origins: Samples
     """(3, N), or (3, 1) where all start at one point, in metres."""

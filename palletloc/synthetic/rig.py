@@ -71,10 +71,7 @@ def draw_mounting(kind: CameraKind, side: Side, rng: np.random.Generator) -> Rig
 
 
 def disturbed(
-    forklift_from_camera: RigidTransform,
-    translation_sigma: float,
-    rotation_sigma: float,
-    rng: np.random.Generator,
+    forklift_from_camera: RigidTransform, translation_sigma: float, rotation_sigma: float, rng: np.random.Generator
 ) -> RigidTransform:
     """Return a mounting with errors, as a calibration gives it.
 

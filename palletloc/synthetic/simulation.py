@@ -76,7 +76,7 @@ class SimulatedOdometryNoise:
 def measure_odometry(
     approach: Approach, noise: SimulatedOdometryNoise, rng: np.random.Generator, rate: float = 50.0
 ) -> Trajectory:
-    """Return what odometry says about an approach.
+    """Return what odometry measures of an approach.
 
     Each sample's motion is measured with its errors and added up, so that the pose drifts.
 
@@ -143,9 +143,9 @@ class SimulationSpec:
     plane_turn: float = 0.014
     """Largest error of the nominal shelf plane's heading, in radians."""
     tell_levels: bool = True
-    """Whether the recording says the heights that loads stand on."""
+    """Whether the recording states the heights that loads stand on."""
     level_sigma: float = 0.0
-    """Errors of the heights that it says (standard deviation), in metres; all loads of a level share one."""
+    """Errors of the heights that it states (standard deviation), in metres; all loads of a level share one."""
     mounting: RigidTransform | None = None
     """True ``forklift_from_camera``; None to draw one."""
     mounting_translation_sigma: float = 0.0
@@ -171,7 +171,7 @@ class Simulation:
     forklift_from_camera: RigidTransform
     """Its true mounting."""
     recorded_mounting: RigidTransform
-    """Its mounting as the recording says it, with its errors."""
+    """Its mounting as the recording states it, with its errors."""
     shelf: ShelfPlane
     """The nominal front plane of the shelf, in odom, with its errors."""
     odometry: Trajectory
@@ -279,7 +279,7 @@ def _draw_approach(rng: np.random.Generator) -> Approach:
 
 
 def _nominal_shelf(spec: SimulationSpec, aisle: Aisle, approach: Approach, rng: np.random.Generator) -> ShelfPlane:
-    """Return the plane of the fronts as the recording says it: in odom, and off."""
+    """Return the plane of the fronts as the recording states it: in odom, and off."""
     offset, turn = rng.uniform(-1, 1, 2) * (spec.plane_offset, spec.plane_turn)
     levels = np.sort(spec.aisle.levels) + spec.level_sigma * rng.standard_normal(len(spec.aisle.levels))
     middle = aisle.frame.world(float(offset), approach.start.x + approach.length, 0.0)

@@ -29,6 +29,8 @@ from tests.calibration.simulated_drive import DriveErrors, drive_of, simulate_dr
 BOARD = CharucoBoard(4, 3, 0.2, 0.15, "DICT_4X4_50")
 STATED = RigidTransform.from_components([0.30, 0.05, 1.90], Rotation.identity())
 STATED_SIGMA = np.array([0.05, 0.05, 0.05, *np.radians([3.0, 3.0, 3.0])])
+SHOTS = 12
+"""Few: each adds three unknowns."""
 STRAIGHT, ARC, SPIN = ((6, 0.5, 0.0),), ((8, 0.4, 0.2),), ((8, 0.0, 0.3),)
 BENDS, CURVE = ((5, 0.4, 0.3), (5, 0.4, -0.3)), ((3, 0.5, 0.0), (5, 0.4, 0.35), (3, 0.5, 0.0))
 Way = tuple[tuple[float, float, float], ...]
@@ -56,7 +58,7 @@ def assessed(
     boards = boards_beside(truth)
     heights = {0: Height(float(boards[0][1].translation[2]), 0.003)} if height else None
     problem = simulate_drive(
-        truth, camera, boards, STATED, errors, shots=20, heights=heights, seed=seed, scale_sigma=scale_sigma
+        truth, camera, boards, STATED, errors, shots=SHOTS, heights=heights, seed=seed, scale_sigma=scale_sigma
     )
     return assess_motion(problem, STATED_SIGMA)
 
@@ -98,7 +100,7 @@ def test_lost_directions_are_named_and_the_rest_is_right(
 def test_what_commutes_with_all_motions_is_lost(forklift_from_camera: RigidTransform, way: Way, lost: int) -> None:
     truth = drive_of(way)
     problem = simulate_drive(
-        truth, forklift_from_camera, boards_beside(truth), STATED, DriveErrors(drawn=False), shots=20
+        truth, forklift_from_camera, boards_beside(truth), STATED, DriveErrors(drawn=False), shots=SHOTS
     )
     boards = np.stack([pose.as_matrix() for _, pose in boards_beside(truth)])
     kernel = lost_by_motion(problem, MotionState(forklift_from_camera, boards, problem.way()))
@@ -143,10 +145,10 @@ def test_faults_of_the_odometry_are_told(forklift_from_camera: RigidTransform) -
 def test_a_mounting_that_is_stated_wrongly_is_told(forklift_from_camera: RigidTransform) -> None:
     truth = drive_of(BENDS)
     stated = RigidTransform.from_components([0.33, 0.09, 1.92], Rotation.from_euler("y", 4.0, degrees=True))
-    problem = simulate_drive(truth, forklift_from_camera, boards_beside(truth), stated, shots=20)
+    problem = simulate_drive(truth, forklift_from_camera, boards_beside(truth), stated, shots=SHOTS)
     told = assess_motion(problem, np.array([0.001] * 3 + [0.001] * 3))
     assert "mounting_differs" in {finding.code for finding in told.findings}
-    right = simulate_drive(truth, forklift_from_camera, boards_beside(truth), forklift_from_camera, shots=20)
+    right = simulate_drive(truth, forklift_from_camera, boards_beside(truth), forklift_from_camera, shots=SHOTS)
     told = assess_motion(right, np.array([0.001] * 3 + [0.001] * 3))
     assert "mounting_differs" not in {finding.code for finding in told.findings}
 

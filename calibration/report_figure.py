@@ -30,13 +30,5 @@ def titled_figure(height: float, title: str, line: str, left: float = LEFT) -> F
 
 
 def wide_axes(figure: Figure, height: float, top: float = HEAD, left: float = LEFT) -> Axes:
-    """Return axes of the full width.
-
-    Parameters
-    ----------
-    figure : Figure
-        The figure.
-    height, top, left : float
-        In pixels.
-    """
+    """Return axes of the full width; height and borders in pixels."""
     return add_axes(figure, left, top, WIDTH_PX - left - RIGHT, height)

@@ -73,7 +73,7 @@ def error(told: MotionAssessment, camera: RigidTransform) -> FloatArray:
     ("way", "lost", "named"),
     # On one arc the wheels' unknown scale hides the distance to its centre, too.
     [
-        (STRAIGHT, 4, "roll"),
+        pytest.param(STRAIGHT, 4, "roll", marks=pytest.mark.slow),
         (ARC, 3, "yaw"),
         pytest.param(SPIN, 2, "yaw", marks=pytest.mark.slow),
         (BENDS, 1, ": z"),
@@ -109,10 +109,10 @@ def test_what_commutes_with_all_motions_is_lost(forklift_from_camera: RigidTrans
     assert np.linalg.norm(kernel.T @ up) == pytest.approx(1.0, abs=1e-6)
 
 
-@pytest.mark.parametrize("count", [2, pytest.param(30, marks=pytest.mark.slow)])
-def test_known_directions_are_consistent_over_many_drives(forklift_from_camera: RigidTransform, count: int) -> None:
+@pytest.mark.slow
+def test_known_directions_are_consistent_over_many_drives(forklift_from_camera: RigidTransform) -> None:
     squares, freedom = [], 0
-    for seed in range(count):
+    for seed in range(30):
         errors = DriveErrors(scale=1.01, bias=0.004, delay=0.06)
         told = assessed(forklift_from_camera, BENDS if seed % 2 else CURVE, errors, seed)
         assert told.fit is not None
@@ -142,6 +142,7 @@ def test_faults_of_the_odometry_are_told(forklift_from_camera: RigidTransform) -
     assert {"time_offset", "wheel_scale"} <= {finding.code for finding in told.findings}
 
 
+@pytest.mark.slow
 def test_a_mounting_that_is_stated_wrongly_is_told(forklift_from_camera: RigidTransform) -> None:
     truth = drive_of(BENDS)
     stated = RigidTransform.from_components([0.33, 0.09, 1.92], Rotation.from_euler("y", 4.0, degrees=True))
@@ -153,6 +154,7 @@ def test_a_mounting_that_is_stated_wrongly_is_told(forklift_from_camera: RigidTr
     assert "mounting_differs" not in {finding.code for finding in told.findings}
 
 
+@pytest.mark.slow
 def test_wheels_of_a_known_scale_tell_the_distance_to_an_arcs_centre(forklift_from_camera: RigidTransform) -> None:
     free = assessed(forklift_from_camera, ARC, DriveErrors(scale=1.002))
     known = assessed(forklift_from_camera, ARC, DriveErrors(scale=1.002), scale_sigma=0.003)

@@ -85,7 +85,7 @@ def test_edges_that_do_not_increase_steps_that_are_not_positive_and_other_shapes
             stop_accuracy(np.zeros(shape))
 
 
-def test_a_hand_made_square() -> None:
+def test_a_hand_made_square_and_distances_that_scatter_and_count_threefold() -> None:
     # four corners of a square of 2 cm about (3, 4) cm: all are sqrt(2) cm from the middle
     corners = np.array([[2, 3], [4, 3], [4, 5], [2, 5]]) / 100
     offsets = np.column_stack([corners, np.zeros(4), [0.01, 0.03, 0.01, 0.03]])
@@ -96,9 +96,6 @@ def test_a_hand_made_square() -> None:
     assert stop.rp == pytest.approx(np.sqrt(2) / 100)  # no scatter of the distances
     assert stop.ap_yaw == pytest.approx(0.02)
     assert stop.rp_yaw == pytest.approx(3 * np.sqrt(4 * 0.01**2 / 3))
-
-
-def test_distances_that_scatter_count_threefold() -> None:
     # on a line at 0, 0, 0 and 4 cm: 1, 1, 1 and 3 cm from the middle, with a standard deviation of 1 cm
     offsets = np.zeros((4, 4))
     offsets[3, 0] = 0.04

@@ -115,12 +115,15 @@ def test_a_pallet_beyond_sight_counts_neither_way() -> None:
     assert [error.face.id for error in run.shots[0].beyond] == ["A"]
 
 
-def test_shots_without_a_near_truth_are_left_out_and_listed() -> None:
+def test_the_nearest_truth_is_taken_as_it_is_and_shots_without_one_are_left_out_and_listed() -> None:
     scene = replace(SCENE, world_from_forklift=Trajectory(*np.array([[0.001, 2.0], [0, 1], [0, 0], [0, 0]])))
     run = match_run(TIMES, everything(), scene)
     assert [shot.time for shot in run.shots] == [0.0, 2.0]
     assert run.without_truth == (1.0, 3.0)
     assert run.largest == 0.001
+    moved = Trajectory(*np.array([[0.004, 1.0], [0.0, 1.0], [0.0, 0.0], [0.0, 0.0]]))
+    run = match_run([0.0], [estimate(0.0, PALLETS[0])], replace(SCENE, world_from_forklift=moved))
+    assert run.errors[0].offset == pytest.approx(np.zeros(4), abs=1e-12)
 
 
 def test_truth_is_interpolated_only_where_asked_and_never_outside() -> None:
@@ -132,12 +135,6 @@ def test_truth_is_interpolated_only_where_asked_and_never_outside() -> None:
     assert run.largest == 1.0
     assert max(np.abs(error.offset).max() for error in run.errors) < 1e-12
     assert len(match_run(TIMES, everything(), scene, TimeRule.INTERPOLATED, limit=1.9).shots) == 2
-
-
-def test_the_nearest_sample_is_taken_as_it_is() -> None:
-    moved = Trajectory(*np.array([[0.004, 1.0], [0.0, 1.0], [0.0, 0.0], [0.0, 0.0]]))
-    run = match_run([0.0], [estimate(0.0, PALLETS[0])], replace(SCENE, world_from_forklift=moved))
-    assert run.errors[0].offset == pytest.approx(np.zeros(4), abs=1e-12)
 
 
 def test_a_truth_of_another_time_and_an_estimate_of_no_shot_are_clear_errors() -> None:

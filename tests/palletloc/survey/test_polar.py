@@ -101,14 +101,11 @@ def test_a_pair_of_faces_unlike_the_others_is_misread() -> None:
     assert misread_faces([usual[0], odd[0]]) == []
 
 
-def test_sights_of_different_targets_or_heights_are_not_averaged() -> None:
+def test_sights_of_different_targets_or_heights_are_not_averaged_and_one_without_distance_not_reduced() -> None:
     first = PolarObservation("P", 0.0, 1.5, 5.0)
     for other in (replace(first, name="Q"), replace(first, reflector_height=1.0)):
         with pytest.raises(ValueError, match="one target with equal heights"):
             average_faces([first, other])
-
-
-def test_a_sight_without_distance_is_not_reduced() -> None:
     with pytest.raises(ValueError, match="expected a distance to 'P'"):
         reduce_sight(PolarObservation("P", 0.0, 1.5, None), Station())
 

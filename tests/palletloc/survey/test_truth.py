@@ -33,7 +33,7 @@ def plan_of(lab: Path, old: str = "", new: str = "") -> SurveyPlan:
     return read_survey_plan(path)
 
 
-def test_a_survey_gives_the_pose_of_every_pallet_at_every_stop(
+def test_a_survey_gives_the_pose_of_every_pallet_at_every_stop_and_how_well_each_heading_is_known(
     lab: Path, lab_truth: dict[tuple[str, str], LevelPose]
 ) -> None:
     truth = read_surveyed_truth(lab)
@@ -45,6 +45,11 @@ def test_a_survey_gives_the_pose_of_every_pallet_at_every_stop(
         assert np.linalg.eigvalsh(pose.covariance).min() > 0
     assert [stop.time for stop in truth.stops] == [1.0, 3.0]
     assert truth.notes == ()
+    assert re.fullmatch(
+        r"body 'A': 3 points of 0\.6 mm, residual 0\.\d+ mm, heading known to 0\.04\d* degrees, tilt measured",
+        truth.pallets[0].statement,
+    )
+    assert truth.stops[1].forklift.statement.startswith("stop 'S2': 3 points")
 
 
 @pytest.mark.parametrize("level", [False, True])
@@ -74,15 +79,6 @@ def test_a_sigma_that_is_too_small_is_found_out_and_put_right(
     ratio = truth.stops[0].poses[0].yaw_sigma / right.stops[0].poses[0].yaw_sigma
     assert ratio == pytest.approx(np.sqrt(truth.variance_factor) / 4)
     assert 0.6 < ratio < 1.5
-
-
-def test_the_report_can_say_how_well_each_heading_is_known(lab: Path) -> None:
-    truth = read_surveyed_truth(lab)
-    assert re.fullmatch(
-        r"body 'A': 3 points of 0\.6 mm, residual 0\.\d+ mm, heading known to 0\.04\d* degrees, tilt measured",
-        truth.pallets[0].statement,
-    )
-    assert truth.stops[1].forklift.statement.startswith("stop 'S2': 3 points")
 
 
 def test_two_targets_suffice_for_a_level_body_and_that_is_said(

@@ -109,15 +109,12 @@ def test_a_common_shift_moves_the_accuracy_alone() -> None:
     assert there.mean == pytest.approx(here.mean + np.array([0.1, 0, 0]))
 
 
-def test_yaw_errors_about_half_a_turn_do_not_cancel() -> None:
+def test_yaw_errors_about_half_a_turn_do_not_cancel_and_a_single_pose_has_no_repeatability() -> None:
     offsets = np.zeros((2, 4))
     offsets[:, 3] = np.pi - 0.01, -np.pi + 0.01
     stop = stop_accuracy(offsets)
     assert abs(stop.ap_yaw) == pytest.approx(np.pi)
     assert stop.rp_yaw == pytest.approx(3 * 0.01 * np.sqrt(2))
-
-
-def test_a_single_pose_has_an_accuracy_and_no_repeatability() -> None:
     stop = stop_accuracy(np.array([[0.0, 0.03, 0.04, 0.1]]))
     assert (stop.ap, stop.ap_yaw) == pytest.approx((0.05, 0.1))
     assert np.isnan([stop.rp, stop.rp_yaw]).all()

@@ -95,8 +95,7 @@ def test_given_starts_have_no_shelf_view_and_are_all_drawn_where_asked(
     floor_shot: Shot, floor_pallets: tuple[Placed, ...], t11: PalletModel
 ) -> None:
     _, (_, pose) = floor_pallets
-    nowhere = replace(pose, x=pose.x + 0.55)  # shifted by one opening
-    starts = [Start("t11", pose), Start("t11", nowhere)]
+    starts = [Start("t11", pose), Start("t11", replace(pose, x=pose.x + 0.55))]  # shifted by one opening
     explained = localizer([t11]).explain_from(floor_shot, starts, (0.0,))
     assert [type(outcome) for outcome in explained.outcomes] == [Fit, Refusal]
     stages = [picture.stage for picture in stage_pictures(explained, None, with_refused=True)]
@@ -196,8 +195,7 @@ def drawn_times(table: Axes) -> list[int]:
 def test_the_ellipses_show_one_and_three_standard_deviations_times_the_stated_factor(
     sigma: float, t11: PalletModel
 ) -> None:
-    figure = plan(sigma, LevelPose(2.0, 1.9, 0.0, 1.5), t11)
-    axes, table = figure.axes
+    axes, table = plan(sigma, LevelPose(2.0, 1.9, 0.0, 1.5), t11).axes
     factor = float(drawn_times(table)[0])
     assert sigma < 0.03 or factor == 1  # what can be seen has its true size
     ellipses = [patch for patch in axes.patches if isinstance(patch, Ellipse)]

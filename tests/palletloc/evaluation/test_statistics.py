@@ -74,18 +74,15 @@ def test_without_a_success_or_a_failure_the_interval_reaches_the_end_and_without
     assert np.isnan(found.value)
 
 
-def test_the_interval_covers_at_least_as_often_as_it_says() -> None:
+def test_with_every_trial_a_success_the_bound_is_a_power_and_the_interval_covers_as_often_as_it_says() -> None:
+    assert lower_bound(30, 30, 0.9) == pytest.approx(0.1 ** (1 / 30))
+    assert upper_bound(0, 30, 0.9) == pytest.approx(1 - 0.1 ** (1 / 30))
     trials, true = 30, 0.9
     chances = binom.pmf(np.arange(trials + 1), trials, true)
     covers = [
         found.low <= true <= found.high for found in (clopper_pearson(k, trials, 0.9) for k in range(trials + 1))
     ]
     assert 0.9 <= float(chances @ covers) < 1
-
-
-def test_with_every_trial_a_success_the_bound_is_a_power() -> None:
-    assert lower_bound(30, 30, 0.9) == pytest.approx(0.1 ** (1 / 30))
-    assert upper_bound(0, 30, 0.9) == pytest.approx(1 - 0.1 ** (1 / 30))
 
 
 def test_impossible_counts_and_requests_are_refused() -> None:

@@ -78,15 +78,12 @@ def test_the_mean_of_two_faces_is_free_of_errors_and_these_are_told(
     assert errors.lines == (1, 2)
 
 
-def test_faces_weigh_the_same_however_often_each_was_read() -> None:
+def test_faces_weigh_the_same_however_often_read_and_directions_on_both_sides_of_zero_are_averaged() -> None:
     true = PolarObservation("P", 6.28, 1.2, 5.0)
     first, second = turned_over(true, index=1e-4)
     mean, errors = average_faces([first, second, first, first])
     assert mean.zenith == pytest.approx(true.zenith, abs=1e-12)
     assert len(errors) == 1
-
-
-def test_directions_on_both_sides_of_zero_are_averaged() -> None:
     around = [PolarObservation("P", angle, 1.5, 5.0) for angle in (0.001, 2 * math.pi - 0.001)]
     mean, errors = average_faces(around)
     assert math.cos(mean.horizontal) == pytest.approx(1.0, abs=1e-12)

@@ -81,7 +81,7 @@ def test_a_sigma_that_is_too_small_is_found_out_and_put_right(
     assert 0.6 < ratio < 1.5
 
 
-def test_two_targets_suffice_for_a_level_body_and_that_is_said(
+def test_two_targets_suffice_for_a_level_body_and_that_and_points_of_no_target_are_said(
     lab: Path, lab_points: Points, lab_truth: dict[tuple[str, str], LevelPose]
 ) -> None:
     points = {name: place for name, place in lab_points.items() if name not in ("V3-S1", "A-UL")}
@@ -92,9 +92,6 @@ def test_two_targets_suffice_for_a_level_body_and_that_is_said(
     assert "stop 'S1': has 2 points and is taken to stand level" in truth.notes
     assert "survey.csv: body 'A' lacks A-UL" in truth.notes
     assert "taken to be level" in truth.pallets[0].statement
-
-
-def test_points_that_are_no_target_are_noted(lab: Path, lab_points: Points) -> None:
     truth = survey_truth(plan_of(lab), as_survey({**lab_points, "K7": [0.0, 0.0, 0.0]}))
     assert truth.notes == ("survey.csv: point 'K7' (line 13) is no target",)
 

@@ -7,6 +7,7 @@ them is said here alone.
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Flag, auto
@@ -150,6 +151,11 @@ def words(*headings: str) -> tuple[Column, ...]:
 def numbers(*headings: str) -> tuple[Column, ...]:
     """Return columns whose cells are numbers, which stand at the right."""
     return tuple(Column(heading) for heading in headings)
+
+
+def finite(value: float) -> float | None:
+    """Return a number as JSON can hold it: None where it is not finite."""
+    return value if math.isfinite(value) else None
 
 
 def terminal_parts(result: ResultPage) -> tuple[RenderableType, ...]:

@@ -162,8 +162,8 @@ def _view_values(fit: LensFit, i: int) -> dict[str, Any]:
 def _field(fit: LensFit, checked: Checked) -> Iterator[page.Section]:
     yield page.JsonValues(
         {
-            "hold_out_rms_px": _finite(checked.hold_out),
-            "neighbour_correlation": _finite(checked.neighbours),
+            "hold_out_rms_px": page.finite(checked.hold_out),
+            "neighbour_correlation": page.finite(checked.neighbours),
             "lenses": [
                 {
                     "max_angle_deg": float(np.degrees(cover.max_angle)),
@@ -187,10 +187,6 @@ def _field(fit: LensFit, checked: Checked) -> Iterator[page.Section]:
             f"Residuals of neighbouring corners correlate by {checked.neighbours:.2f}; with a model that describes"
             " the lens, and flat boards, they do not."
         )
-
-
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None
 
 
 def _views(fit: LensFit) -> Iterator[page.Section]:

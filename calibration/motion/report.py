@@ -16,12 +16,10 @@ from calibration.motion.assessment import MotionResult
 from calibration.motion.fit import MotionFit
 from calibration.report_figure import HEAD, titled_figure, wide_axes
 from calibration.rig_file import rig_text
-from palletloc.drawing.canvas import FAINT, GRID, INK, SERIES, add_legend
+from palletloc.drawing.canvas import DEGREE, FAINT, GRID, INK, SERIES, add_legend
 from palletloc.geometry import FloatArray
 from palletloc.io.camera_spec import spec_from_camera
 
-_DEGREE = "\N{DEGREE SIGN}"
-"""Sign of the texts."""
 _VERDICTS = {
     0: "The drive confirms the mounting.",
     1: "The drive contradicts the mounting, or tells too little.",
@@ -67,7 +65,7 @@ def _mounting(fit: MotionFit, away: FloatArray) -> Iterator[page.Section]:
         yield page.JsonValues({key: [float(v) if known else None for v, known in zip(values, told, strict=True)]})
     rows = []
     for i, name in enumerate(NAMES):
-        factor, unit = (1000.0, " mm") if i < 3 else (float(np.degrees(1.0)), _DEGREE)
+        factor, unit = (1000.0, " mm") if i < 3 else (float(np.degrees(1.0)), DEGREE)
         found = (f"{factor * away[i]:+.2f}{unit}", f"{factor * fit.sigma[i]:.2f}{unit}")
         rows.append((name, *(found if told[i] else ("not told", ""))))
     yield page.Heading("Mounting")
@@ -89,7 +87,7 @@ def _direction_rows(fit: MotionFit) -> tuple[tuple[str, ...], ...]:
             moved = part[:, i] * LIMITS
             sigma = float(np.sqrt(part[:, i] @ covariance @ part[:, i]))
             place, turn = 1000 * sigma * np.linalg.norm(moved[:3]), np.degrees(sigma * np.linalg.norm(moved[3:]))
-            text = f"{place:.1f} mm with {turn:.2f}{_DEGREE}" if name == "told" else "not told"
+            text = f"{place:.1f} mm with {turn:.2f}{DEGREE}" if name == "told" else "not told"
             rows.append((name, in_words(part[:, i]), text))
     return tuple(rows)
 

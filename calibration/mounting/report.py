@@ -23,14 +23,12 @@ from calibration.mounting.residuals import (
     polar_figure,
     sphere_figure,
 )
-from calibration.report_figure import titled_figure, wide_axes
+from calibration.report_figure import draw_correlations, titled_figure, wide_axes
 from calibration.rig_file import rig_text
 from calibration.targets.observations import TargetObservation
-from palletloc.drawing.canvas import INK, SERIES, add_legend
+from palletloc.drawing.canvas import DEGREE, INK, PLUS_MINUS, SERIES, add_legend
 from palletloc.io.camera_spec import angles_from_transform
 
-_DEGREE, _PM = "\N{DEGREE SIGN}", "\N{PLUS-MINUS SIGN}"
-"""Signs of the texts."""
 _VERDICTS = {0: "The calibration holds.", 1: "The calibration fails.", 3: "The data cannot give a calibration."}
 """By exit code."""
 _NOTHING = (
@@ -74,13 +72,13 @@ def _pose_figures(solution: MountingFit) -> Iterator[page.Section]:
     turns = zip(NAMES[3:], angles, sigma[3:], strict=True)
     yield page.KeyFigures(
         (
-            *((f"{1000 * value:.1f} mm", f"{name} {_PM} {s:.2f} mm") for name, value, s in places),
-            *((f"{value:.3f}{_DEGREE}", f"{name} {_PM} {s:.3f}{_DEGREE}") for name, value, s in turns),
+            *((f"{1000 * value:.1f} mm", f"{name} {PLUS_MINUS} {s:.2f} mm") for name, value, s in places),
+            *((f"{value:.3f}{DEGREE}", f"{name} {PLUS_MINUS} {s:.3f}{DEGREE}") for name, value, s in turns),
         )
     )
     yield page.Paragraph(
-        f"After {_PM} stands one standard deviation, along and about the forklift's axes, from the scatter of the"
-        " corners and the stated accuracy of the survey."
+        f"After {PLUS_MINUS} stands one standard deviation, along and about the forklift's axes, from the scatter of"
+        " the corners and the stated accuracy of the survey."
     )
 
 
@@ -88,14 +86,14 @@ def _targets(result: MountingResult, residuals: Sequence[CornerResiduals]) -> It
     yield page.JsonValues({"targets": [_target_values(seen) for seen in result.observations]})
     yield page.JsonValues({"not_seen": list(result.unseen)})
     yield page.Heading("Targets")
-    names = ("markers", "corners", "left out", f"rms {_DEGREE}", "rms px", "mm at 2 m", "max px")
+    names = ("markers", "corners", "left out", f"rms {DEGREE}", "rms px", "mm at 2 m", "max px")
     found = {(part.target, part.shot): part for part in residuals}
     parts = [(seen, found.get((seen.target, seen.shot))) for seen in result.observations]
     yield page.Table(
         (*page.words("target", "shot"), *page.numbers(*names)), tuple(_page_row(*pair) for pair in parts)
     )
     if parts:
-        columns = (*page.words("target"), *page.numbers("markers", "corners", "rms px", f"rms {_DEGREE}"))
+        columns = (*page.words("target"), *page.numbers("markers", "corners", "rms px", f"rms {DEGREE}"))
         yield page.Table(columns, tuple(_terminal_row(*pair) for pair in parts), page.Output.TERMINAL)
     if result.unseen:
         yield page.Paragraph(f"Not seen in any shot: {', '.join(result.unseen)}.")
@@ -157,7 +155,7 @@ def _frame(frame: ForkliftFrame, solution: MountingFit | None) -> Iterator[page.
         sigma = np.sqrt(np.diag(solution.frame_covariance))
         yield page.Paragraph(
             f"Found by {frame.method}. Its errors are in the result's: {1000 * sigma[:3].max():.2f} mm and"
-            f" {np.degrees(sigma[3:].max()):.4f}{_DEGREE} at the camera."
+            f" {np.degrees(sigma[3:].max()):.4f}{DEGREE} at the camera."
         )
 
 
@@ -177,10 +175,10 @@ def _pose(solution: MountingFit, left_out: Sequence[LeftOut]) -> Iterator[page.S
         }
     )
     most = np.abs([left.shift_in_sigma for left in left_out]).max(0) if left_out else np.zeros(6)
-    values = (*(f"{place:.4f} m" for place in translation), *(f"{angle:.3f} {_DEGREE}" for angle in angles))
+    values = (*(f"{place:.4f} m" for place in translation), *(f"{angle:.3f} {DEGREE}" for angle in angles))
     sigmas = (
         *(f"{1000 * sigma:.2f} mm" for sigma in solution.sigma[:3]),
-        *(f"{np.degrees(sigma):.4f} {_DEGREE}" for sigma in solution.sigma[3:]),
+        *(f"{np.degrees(sigma):.4f} {DEGREE}" for sigma in solution.sigma[3:]),
     )
     rows = tuple(zip(NAMES, values, sigmas, (f"{shift:.1f} sigma" for shift in most), strict=True))
     yield page.Table(
@@ -196,7 +194,7 @@ def _uncertainty(assessment: MountingAssessment, solution: MountingFit) -> Itera
             "weakest_direction": {"words": direction, "of_limit": of_limit},
             "sight_factor": solution.bearing_factor,
             "survey_factor": solution.survey_factor,
-            "survey_scale_error": {"value": value, "sigma": _finite(sigma)},
+            "survey_scale_error": {"value": value, "sigma": page.finite(sigma)},
         }
     )
     yield page.Heading("How sure it is")
@@ -205,22 +203,18 @@ def _uncertainty(assessment: MountingAssessment, solution: MountingFit) -> Itera
         f" image noise says, the survey {solution.survey_factor:.2f} times as much as sigma_m says."
     )
     yield page.Paragraph(
-        f"Scale of the survey against the printed size: {100 * value:+.3f} {_PM} {100 * sigma:.3f} %."
+        f"Scale of the survey against the printed size: {100 * value:+.3f} {PLUS_MINUS} {100 * sigma:.3f} %."
     )
     if assessment.centres is not None:
         centres = assessment.centres
-        yield page.JsonValues({"lens_distance_m": {"value": centres.distance, "sigma": _finite(centres.sigma)}})
-        size = f"{1000 * centres.distance:.2f} {_PM} {1000 * centres.sigma:.2f} mm"
+        yield page.JsonValues({"lens_distance_m": {"value": centres.distance, "sigma": page.finite(centres.sigma)}})
+        size = f"{1000 * centres.distance:.2f} {PLUS_MINUS} {1000 * centres.sigma:.2f} mm"
         yield page.Paragraph(
             "Distance of two lens centres along the camera's x axis, if there were two:"
             f" {size if np.isfinite(centres.sigma) else 'not told'}."
             f" {100 * centres.front_share:.0f} % of the corners are before the camera."
         )
     yield page.Drawing(partial(_correlation_figure, solution), "Correlations.")
-
-
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None
 
 
 def _left_out(left_out: Sequence[LeftOut]) -> Iterator[page.Section]:
@@ -232,7 +226,7 @@ def _left_out(left_out: Sequence[LeftOut]) -> Iterator[page.Section]:
         "The fit without a target says where it should be. Distance is between its surveyed corners and that place;"
         " chance is how probable such a distance or a larger one is if all sigmas are right."
     )
-    shifts = (f"{name} {'mm' if i < 3 else _DEGREE}" for i, name in enumerate(NAMES))
+    shifts = (f"{name} {'mm' if i < 3 else DEGREE}" for i, name in enumerate(NAMES))
     columns = (*page.words("target"), *page.numbers("distance mm", "chance", *shifts, "most sigmas"))
     yield page.Table(columns, tuple(_left_out_row(left) for left in left_out))
     yield page.Drawing(partial(_left_out_figure, left_out), "Shifts of the pose without each target.")
@@ -258,13 +252,7 @@ def _correlation_figure(solution: MountingFit) -> Figure:
     """Draw the correlations of the six numbers."""
     line = "Near 1 or -1 two of them cannot be told apart with these targets"
     figure = titled_figure(470, "Correlations of the six numbers", line)
-    axes = wide_axes(figure, 350)
-    axes.imshow(solution.correlation, cmap="RdBu_r", vmin=-1, vmax=1, aspect="auto")
-    axes.set_xticks(range(6), NAMES)
-    axes.set_yticks(range(6), NAMES)
-    for (row, column), value in np.ndenumerate(solution.correlation):
-        color = "white" if abs(value) > 0.6 else INK
-        axes.text(column, row, f"{round(value, 2) + 0.0:.2f}", ha="center", va="center", size=9.5, color=color)
+    draw_correlations(wide_axes(figure, 350), solution.correlation, NAMES, 9.5)
     return figure
 
 

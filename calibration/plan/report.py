@@ -15,11 +15,9 @@ from calibration.degeneracy import NAMES, weakest
 from calibration.plan.assessment import Plan
 from calibration.plan.prediction import LayoutPrediction, PredictedTarget, worst
 from calibration.report_figure import HEAD, LEFT, RIGHT, titled_figure
-from palletloc.drawing.canvas import FAINT, GRID, INK, SERIES, WIDTH_PX, add_axes
+from palletloc.drawing.canvas import DEGREE, FAINT, GRID, INK, SERIES, WIDTH_PX, add_axes
 from palletloc.geometry import FloatArray
 
-_DEGREE = "\N{DEGREE SIGN}"
-"""Sign of the texts."""
 _VERDICTS = {
     0: "A calibration with this layout would pass.",
     1: "A calibration with this layout would fail.",
@@ -32,7 +30,7 @@ _MOST_WORST = 100.0
 """The same, in units of what passes."""
 _COLUMNS = (
     *page.words("target"),
-    *page.numbers("distance m", f"azimuth {_DEGREE}", f"oblique {_DEGREE}", "marker px", "corners"),
+    *page.numbers("distance m", f"azimuth {DEGREE}", f"oblique {DEGREE}", "marker px", "corners"),
 )
 """How a target will be seen."""
 
@@ -116,7 +114,7 @@ def _sigma_values(sigma: FloatArray) -> dict[str, list[float | None]]:
 def _sigma_texts(sigma: FloatArray) -> list[str]:
     """Return six standard deviations as texts; ``open`` where nothing tells."""
     places = [f"{1000 * place:.2f} mm" if place < _OPEN_PLACE else "open" for place in sigma[:3]]
-    return places + [f"{np.degrees(turn):.4f}{_DEGREE}" if turn < _OPEN_TURN else "open" for turn in sigma[3:]]
+    return places + [f"{np.degrees(turn):.4f}{DEGREE}" if turn < _OPEN_TURN else "open" for turn in sigma[3:]]
 
 
 def _sigmas(plan: Plan) -> Iterator[page.Section]:
@@ -183,7 +181,7 @@ def _figure(prediction: LayoutPrediction) -> Figure:
     above.set_aspect("equal", adjustable="datalim")
     above.set(xlabel="to the left (m)", ylabel="forward (m)")
     above.invert_xaxis()
-    around.set(xlim=(180, -180), ylim=(-90, 90), xlabel=f"longitude ({_DEGREE})", ylabel=f"latitude ({_DEGREE})")
+    around.set(xlim=(180, -180), ylim=(-90, 90), xlabel=f"longitude ({DEGREE})", ylabel=f"latitude ({DEGREE})")
     around.set_xticks(range(-180, 181, 90))
     around.set_yticks(range(-90, 91, 30))
     for axes in (above, around):

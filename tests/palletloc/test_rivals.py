@@ -12,7 +12,7 @@ from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
 from palletloc.methods import measure_refined
 from palletloc.refinement.face_fit import FaceEstimate, FacePrior, fit_face
 from palletloc.refinement.patch import FacePatch, view_patch
-from palletloc.rivals import Rival, any_height, one_opening_aside, other_model, other_starts, own_start, wide_start
+from palletloc.rivals import Rival, any_height, one_opening_aside, other_models, other_starts, own_start, wide_start
 from palletloc.verification import Evidence
 from tests.palletloc.poses import CONFIG, FLOOR, POSE, Height, Outcome, Portrait, found, moved, slid
 
@@ -103,7 +103,7 @@ def believed(shot: Shot, model: PalletModel, right: float, hidden: float) -> Fit
 def test_a_pallet_taken_one_opening_aside_is_taken_back(portrait: Portrait, model: PalletModel, side: int) -> None:
     shot = portrait(model, POSE)
     alias = believed(shot, model, side * (model.openings[1].center - model.openings[0].center), 0.3)
-    back = decide(alias, [one_opening_aside(shot, alias, measure_refined, CONFIG)], CONFIG)
+    back = decide(alias, one_opening_aside(shot, alias, measure_refined, CONFIG), CONFIG)
     assert isinstance(back, Fit)
     assert np.hypot(*back.pose.minus(POSE)[:2]) < 0.01
     assert back.candidate is alias.candidate
@@ -114,7 +114,7 @@ def test_the_right_one_stays_and_none_beyond_doubt_is_asked_again(portrait: Port
     fit = found(measured(shot, epal))
     assert fit.evidence is not None
     doubtful = replace(fit, evidence=replace(fit.evidence, hidden=0.1))
-    kept = decide(doubtful, [one_opening_aside(shot, doubtful, measure_refined, CONFIG)], CONFIG)
+    kept = decide(doubtful, one_opening_aside(shot, doubtful, measure_refined, CONFIG), CONFIG)
     assert isinstance(kept, Fit)
     assert kept.pose is fit.pose
     np.testing.assert_array_equal(kept.covariance, fit.covariance)
@@ -134,7 +134,7 @@ def test_a_rival_that_fails_its_checks_still_refuses(portrait: Portrait, epal: P
         rival = measure_refined(shot, candidate, config)
         return given_up(rival) if isinstance(rival, Fit) else rival
 
-    refused = decide(alias, [one_opening_aside(shot, alias, measure_badly, CONFIG)], CONFIG)
+    refused = decide(alias, one_opening_aside(shot, alias, measure_badly, CONFIG), CONFIG)
     assert isinstance(refused, Refusal)
     assert (refused.stage, refused.reason, refused.fit) == (Stage.VERIFICATION, Reason.OVERLAP, alias)
 
@@ -169,7 +169,7 @@ def test_models_alike_contradict_nothing_and_on_a_level_none_is_tried(portrait: 
     known = found(measured(shot, t11))
     free = replace(known, candidate=replace(known.candidate, height=None))
     for best, model in ((known, other), (free, t11), (given_up(free), other), (replace(free, face=None), other)):
-        assert list(other_model(shot, best, model, never, CONFIG)) == []
+        assert list(other_models(shot, best, [model], never, CONFIG)) == []
 
 
 # The same face at any height.

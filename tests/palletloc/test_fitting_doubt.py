@@ -151,12 +151,9 @@ def test_missing_uprights_leave_the_range_in_doubt(
     np.testing.assert_allclose(added[-1][3], 0.0, atol=1e-15)
 
 
-def test_level_lines_say_nothing_of_the_range(range_doubt: Callable[..., FloatArray]) -> None:
+def test_neither_level_lines_nor_a_hidden_upright_confirm_a_range(range_doubt: Callable[..., FloatArray]) -> None:
     whole = range_doubt(lambda face: without_uprights(face, 0))
     np.testing.assert_allclose(range_doubt(faint), whole, atol=1e-15)
-
-
-def test_a_hidden_upright_confirms_no_range(range_doubt: Callable[..., FloatArray]) -> None:
     missing = range_doubt(lambda face: without_uprights(face, 3))
     np.testing.assert_allclose(range_doubt(hidden), missing, rtol=1e-7)
 

@@ -14,12 +14,12 @@ from palletloc.refinement.face_fit import FaceEstimate, FacePrior, fit_face
 from palletloc.refinement.patch import FacePatch, view_patch
 from palletloc.rivals import Rival, any_height, one_opening_aside, other_models, other_starts, own_start, wide_start
 from palletloc.verification import Evidence
-from tests.palletloc.poses import CONFIG, FLOOR, POSE, Outcome, Portrait, found, moved, slid
+from tests.palletloc.poses import CONFIG, FLOOR, POSE, Height, Outcome, Portrait, found, moved, slid
 
 CERTAIN, DOUBTFUL = Evidence(4.0, 1.0, 0.8, 0.1), Evidence(2.2, 0.6, 0.5, 3.0)
 
 
-def measured(shot: Shot, model: PalletModel, start: LevelPose = POSE, height: HeightPrior | None = FLOOR) -> Outcome:
+def measured(shot: Shot, model: PalletModel, start: LevelPose = POSE, height: Height = FLOOR) -> Outcome:
     return measure_refined(shot, Candidate(model, start, height), CONFIG)
 
 
@@ -109,9 +109,7 @@ def test_a_pallet_taken_one_opening_aside_is_taken_back(portrait: Portrait, mode
     assert back.candidate is alias.candidate
 
 
-def test_the_right_one_stays_and_what_is_beyond_doubt_is_not_asked_again(
-    portrait: Portrait, epal: PalletModel
-) -> None:
+def test_the_right_one_stays_and_none_beyond_doubt_is_asked_again(portrait: Portrait, epal: PalletModel) -> None:
     shot = portrait(epal, POSE)
     fit = found(measured(shot, epal))
     assert fit.evidence is not None
@@ -158,7 +156,7 @@ def test_at_any_height_a_model_gives_way_to_the_one_that_stands_there(
     assert np.abs(right.pose.minus(POSE))[:3].max() < 0.03
 
 
-def test_a_model_that_looks_alike_is_no_contradiction(portrait: Portrait, t11: PalletModel) -> None:
+def test_models_alike_contradict_nothing_and_on_a_level_none_is_tried(portrait: Portrait, t11: PalletModel) -> None:
     shot, alike = portrait(t11, POSE), replace(t11, name="alike", width=t11.width + 0.002)
     alone, together = (
         Localizer(models).localize_from(shot, [Start("t11", POSE)])[0] for models in ([t11], [t11, alike])
@@ -167,11 +165,6 @@ def test_a_model_that_looks_alike_is_no_contradiction(portrait: Portrait, t11: P
     assert together is not None
     assert together.forklift_from_pallet == alone.forklift_from_pallet
     assert (np.diag(together.covariance) >= np.diag(alone.covariance)).all()
-
-
-def test_no_other_model_is_tried_on_a_level_for_itself_or_what_was_refused(
-    portrait: Portrait, t11: PalletModel
-) -> None:
     shot, other = portrait(t11, POSE), replace(t11, name="other", width=1.2)
     known = found(measured(shot, t11))
     free = replace(known, candidate=replace(known.candidate, height=None))

@@ -83,10 +83,7 @@ class Job:
 
 
 def read_job(
-    folder: Path,
-    method: Method = Method.REFINED,
-    config: LocalizerConfig | None = None,
-    initial: Path | None = None,
+    folder: Path, method: Method = Method.REFINED, config: LocalizerConfig | None = None, initial: Path | None = None
 ) -> Job:
     """Read a recording and make its localizer.
 

@@ -9,9 +9,7 @@ import yaml
 from scipy.spatial.transform import RigidTransform
 
 from calibration.targets.targets import CharucoBoard, on_board, patterns
-from palletloc.__main__ import COMMANDS
 from palletloc.cameras import Equirectangular
-from palletloc.cli.app import run
 from palletloc.geometry import FloatArray, Image
 from tests.calibration.simulated_yard import boards_around
 
@@ -50,10 +48,6 @@ def copied(folder: Path, place: Path, names: Sequence[str] = ("shot.png",)) -> d
         (place / name).write_bytes((folder / name).read_bytes())
     content: dict[str, Any] = yaml.safe_load((folder / "extrinsics.yaml").read_text())
     return content
-
-
-def calibrate(folder: Path, out: Path) -> int:
-    return run(["calibrate", "extrinsics", str(folder), "--out", str(out)], COMMANDS)
 
 
 def set_key(*keys: str | int, value: object) -> Callable[[dict[str, Any]], None]:

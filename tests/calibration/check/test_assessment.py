@@ -15,10 +15,9 @@ from calibration.check.tilt_sources import FLOOR, LEVELS, VERTICALS, Absent, Con
 from calibration.findings import DEGENERATE, FAIL, PASS
 from calibration.result_page import json_text
 from calibration.shelf.gravity_lines import Tilt
-from palletloc.__main__ import COMMANDS
-from palletloc.cli.app import run
 from palletloc.io.camera_spec import angles_from_transform, transform_from_angles
 from palletloc.io.recording import RECORDING, read_recording
+from tests.calibration.expecting import Calibrate
 
 SAMPLE = Path(__file__).resolve().parents[3] / "palletloc" / "sample"
 DATA = Path(__file__).resolve().parents[3].parent / "shared/data"
@@ -110,17 +109,12 @@ def test_the_mounting_that_fits_better_undoes_the_turn() -> None:
     assert (check.corrected().rotation * turned.inv()).magnitude() < 1e-9
 
 
-def test_a_wrong_file_name_is_told(capfd: pytest.CaptureFixture[str]) -> None:
-    assert run(["calibrate", "check", str(SAMPLE), "--out", "report.pdf"], COMMANDS) == 1
-    assert ".html" in capfd.readouterr().err
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(not DATA.is_dir(), reason="the recordings are not there")
 @pytest.mark.parametrize("name", ["dev_lab", "dev_warehouse"])
 @pytest.mark.parametrize(("roll", "pitch"), [(0.0, 0.0), (0.2, 0.0), (0.0, -0.5), (1.0, 0.0)])
 def test_a_turned_mounting_is_found_and_a_right_one_passes(
-    name: str, roll: float, pitch: float, tmp_path: Path
+    name: str, roll: float, pitch: float, tmp_path: Path, calibrate: Calibrate
 ) -> None:
     place = tmp_path / name
     shutil.copytree(DATA / name, place, ignore=shutil.ignore_patterns("truth"))
@@ -132,7 +126,7 @@ def test_a_turned_mounting_is_found_and_a_right_one_passes(
     mounting["roll_pitch_yaw_deg"] = list(angles_from_transform(turned)[1])
     (place / RECORDING).write_text(yaml.safe_dump(content))
     out = tmp_path / "check.html"
-    assert run(["calibrate", "check", str(place), "--out", str(out)], COMMANDS) == (1 if roll or pitch else 0)
+    assert calibrate("check", place, "--out", out).code == (1 if roll or pitch else 0)
     found = json.loads(out.with_suffix(".json").read_text())
     for axis, expected in (("roll", -roll), ("pitch", -pitch)):
         off = abs(found["turned_deg"][axis] - expected)

@@ -2,20 +2,18 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
-import yaml
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from calibration.intrinsics.board_views import numbered_boards
 from calibration.lenses.problem import BoardView
-from calibration.targets.targets import CharucoBoard
 from palletloc import read_camera
-from palletloc.__main__ import COMMANDS
-from palletloc.cameras import DualFisheye, FisheyeLens, KannalaBrandt
-from palletloc.cli.app import run
-from palletloc.geometry import FloatArray, Image
+from palletloc.cameras import CameraModel, DualFisheye, FisheyeLens, KannalaBrandt
+from palletloc.geometry import Image
+from tests.calibration.board_room import HEADER, corner_rows, grid, room, write_corners, write_intrinsics, write_shots
+from tests.calibration.expecting import Calibrate
+from tests.calibration.yard_folder import board, board_key
 
 SIZE = (1600, 800)
 TERMS = (0.012, -0.004, 0.001, -0.0001)
@@ -29,69 +27,50 @@ TRUTH = DualFisheye(
         RigidTransform.from_components([-0.015, 0.0005, -0.001], Rotation.from_euler("zyx", [3.125, 0.01, -0.008])),
     ),
 )
-INTO = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
 
-def board() -> FloatArray:
-    x, y = np.meshgrid(np.arange(8) - 3.5, np.arange(6) - 2.5)
-    return np.asarray(np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3) * 0.06)
+BOARDS = room((0.3, 1.7, 3.0, -1.3), 0.9, 0.2, 0.3)
 
 
-def room(seed: int) -> list[RigidTransform]:
-    """Return boards on four sides, facing the middle."""
-    rng = np.random.default_rng(seed)
-    found = []
-    for azimuth in (0.3, 1.7, 3.0, -1.3):
-        facing = Rotation.from_euler("zy", [azimuth, rng.normal(0, 0.2)]) * Rotation.from_matrix(INTO)
-        turned = facing * Rotation.from_rotvec(rng.normal(0, 0.3, 3))
-        found.append(RigidTransform.from_components(facing.apply([0, 0, 0.9]), turned))
-    return found
+def place(rng: np.random.Generator) -> RigidTransform:
+    return RigidTransform.from_components(
+        rng.normal(0, 0.15, 3), Rotation.from_rotvec(rng.normal(0, [0.3, 0.3, 1.5]))
+    )
 
 
 def lines(*, still: bool, shots: int, ring: bool = True) -> list[str]:
-    rng = np.random.default_rng(1)
-    rows = ["shot,board,lens,x_m,y_m,z_m,u_px,v_px"]
-    boards, points = room(0), board()
+    rng, rows, points = np.random.default_rng(1), [HEADER], grid(8, 6, 0.06)
     for shot in range(shots):
-        camera = RigidTransform.from_components(
-            rng.normal(0, 0.15, 3), Rotation.from_rotvec(rng.normal(0, [0.3, 0.3, 1.5]))
-        )
-        for number, world_from_board in enumerate(boards if still else boards[shot % 4 : shot % 4 + 1]):
+        camera = place(rng)
+        for number, world_from_board in enumerate(BOARDS if still else BOARDS[shot % 4 : shot % 4 + 1]):
             seen = camera.inv().apply(world_from_board.apply(points))
             for lens, fisheye in enumerate((TRUTH.front, TRUTH.back)):
                 pixels, valid = fisheye.model.project(fisheye.camera_from_lens.inv().apply(seen))
-                if valid.sum() < 12 or not (ring or valid.all()):
-                    continue
-                pixels = pixels + rng.normal(0, 0.05, pixels.shape)
-                rows += [
-                    f"s{shot},B{number},{lens},{x:.4f},{y:.4f},{z},{u:.4f},{v:.4f}"
-                    for (x, y, z), (u, v), ok in zip(points, pixels, valid, strict=True)
-                    if ok
-                ]
+                if valid.sum() >= 12 and (ring or valid.all()):
+                    pixels = pixels + rng.normal(0, 0.05, pixels.shape)
+                    rows += corner_rows(f"s{shot},B{number},{lens}", points, pixels, valid)
     return rows
 
 
-def folder(place: Path, rows: list[str], *, still: bool) -> Path:
-    place.mkdir()
-    (place / "corners.csv").write_text("\n".join(rows) + "\n")
-    (place / "intrinsics.yaml").write_text(
-        "format: 1\nwidth: 1600\nheight: 800\nlenses: 2\ncorners: corners.csv\n"
-        f"boards_stand_still: {str(still).lower()}\n"
-    )
-    return place
+def folder(path: Path, rows: list[str], *, still: bool) -> Path:
+    return write_corners(path, SIZE, rows, lenses=2, boards_stand_still=still)
+
+
+def assert_places_found(camera: CameraModel) -> DualFisheye:
+    """Hold that the back lens lies before the front one as it does in truth."""
+    assert isinstance(camera, DualFisheye)
+    found, truth = (dual.front.camera_from_lens.inv() * dual.back.camera_from_lens for dual in (camera, TRUTH))
+    assert np.degrees((found * truth.inv()).rotation.magnitude()) < 0.05
+    assert np.abs(found.translation - truth.translation).max() < 0.002
+    assert np.abs((found * truth.inv()).translation).max() < 0.002
+    return camera
 
 
 @pytest.mark.parametrize(("still", "shots"), [(True, 10), pytest.param(False, 30, marks=pytest.mark.slow)])
-def test_two_lenses_become_one_camera(tmp_path: Path, still: bool, shots: int) -> None:
-    place = folder(tmp_path / "in", lines(still=still, shots=shots), still=still)
-    assert run(["calibrate", "intrinsics", str(place), "--out", str(tmp_path / "camera.yaml")], COMMANDS) == 0
-    camera = read_camera(tmp_path / "camera.yaml")
-    assert isinstance(camera, DualFisheye)
-    found = camera.front.camera_from_lens.inv() * camera.back.camera_from_lens
-    truth = TRUTH.front.camera_from_lens.inv() * TRUTH.back.camera_from_lens
-    off = found * truth.inv()
-    assert np.degrees(off.rotation.magnitude()) < 0.05
-    assert np.abs(found.translation - truth.translation).max() < 0.002
+def test_two_lenses_become_one_camera(tmp_path: Path, calibrate: Calibrate, still: bool, shots: int) -> None:
+    path = folder(tmp_path / "in", lines(still=still, shots=shots), still=still)
+    assert calibrate("intrinsics", path, "--out", tmp_path / "camera.yaml").code == 0
+    camera = assert_places_found(read_camera(tmp_path / "camera.yaml"))
     # The frame: midway between the lenses, x along the front one, the image upright.
     middle = camera.front.camera_from_lens.translation + camera.back.camera_from_lens.translation
     np.testing.assert_allclose(middle, 0, atol=1e-9)
@@ -103,7 +82,9 @@ def test_two_lenses_become_one_camera(tmp_path: Path, still: bool, shots: int) -
 
 
 @pytest.mark.slow
-def test_raw_shots_of_boards_give_both_lenses(tmp_path: Path, render: Callable[..., Image]) -> None:
+def test_raw_shots_of_boards_give_both_lenses(
+    tmp_path: Path, calibrate: Calibrate, render: Callable[..., Image]
+) -> None:
     small = [
         FisheyeLens(
             KannalaBrandt(1200, 600, 170.0, 170.5, cx, 299.0, *TERMS, float(np.radians(100.0))), lens.camera_from_lens
@@ -111,51 +92,36 @@ def test_raw_shots_of_boards_give_both_lenses(tmp_path: Path, render: Callable[.
         for lens, cx in ((TRUTH.front, 301.0), (TRUTH.back, 898.0))
     ]
     truth = DualFisheye(*small)
-    boards = [CharucoBoard(4, 3, 0.2, 0.15, "DICT_4X4_50", 6 * k) for k in range(5)]
-    middle = RigidTransform.from_translation([-0.4, -0.3, 0.0])
-    rng, shots = np.random.default_rng(5), []
-    for i in range(7):
-        place = RigidTransform.from_components(
-            rng.normal(0, 0.15, 3), Rotation.from_rotvec(rng.normal(0, [0.3, 0.3, 1.5]))
-        )
-        # The fifth board is never seen.
-        hung = [(board, place.inv() * pose * middle) for board, pose in zip(boards, room(0), strict=False)]
-        cv2.imwrite(str(tmp_path / f"{i}.png"), render(truth, hung))
-        shots.append(f"{i}.png")
-    spec = {"columns": 4, "rows": 3, "square_m": 0.2, "marker_m": 0.15, "dictionary": "DICT_4X4_50"}
-    content = {
-        "format": 1, "width": 1200, "height": 600, "lenses": 2, "shots": shots, "boards_stand_still": True,
-        "boards": {f"B{k}": {"charuco": spec | {"first_id": 6 * k}} for k in (4, 0, 1, 2, 3)},
-    }  # fmt: skip
-    (tmp_path / "intrinsics.yaml").write_text(yaml.safe_dump(content))
-    assert run(["calibrate", "intrinsics", str(tmp_path), "--out", str(tmp_path / "camera.yaml")], COMMANDS) == 0
-    camera = read_camera(tmp_path / "camera.yaml")
-    assert isinstance(camera, DualFisheye)
-    found = camera.front.camera_from_lens.inv() * camera.back.camera_from_lens
-    off = found * (TRUTH.front.camera_from_lens.inv() * TRUTH.back.camera_from_lens).inv()
-    assert np.degrees(off.rotation.magnitude()) < 0.05
-    assert np.abs(off.translation).max() < 0.002
+    rng, middle = np.random.default_rng(5), RigidTransform.from_translation([-0.4, -0.3, 0.0])
+    cameras = [place(rng) for _ in range(7)]
+    shots = [
+        render(truth, [(board(k), camera.inv() * pose * middle) for k, pose in enumerate(BOARDS)])
+        for camera in cameras
+    ]
+    boards = {f"B{k}": board_key(k) for k in (4, 0, 1, 2, 3)}  # the fifth board is never seen
+    write_intrinsics(
+        tmp_path, (1200, 600), lenses=2, shots=write_shots(tmp_path, shots), boards_stand_still=True, boards=boards
+    )
+    assert calibrate("intrinsics", tmp_path, "--out", tmp_path / "camera.yaml").code == 0
+    assert_places_found(read_camera(tmp_path / "camera.yaml"))
     assert json.loads((tmp_path / "camera.json").read_text())["rms_px"] < 0.05
 
 
 def test_a_board_that_is_never_seen_has_no_number() -> None:
-    views = [BoardView(f"{i}", i, board, 0, *([np.zeros((1, 3))] * 3)) for i, board in enumerate((3, 1, 3))]
+    views = [BoardView(f"{i}", i, number, 0, *([np.zeros((1, 3))] * 3)) for i, number in enumerate((3, 1, 3))]
     assert [view.board for view in numbered_boards(views)] == [1, 0, 1]
 
 
-def test_lenses_without_a_link_are_degenerate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_lenses_without_a_link_are_degenerate(tmp_path: Path, calibrate: Calibrate) -> None:
     rows = lines(still=False, shots=30, ring=False)
-    both = {row.split(",")[0] for row in rows[1:] if row.split(",")[2] == "0"} & {
-        row.split(",")[0] for row in rows[1:] if row.split(",")[2] == "1"
-    }
-    alone = [rows[0], *(row for row in rows[1:] if row.split(",")[0] not in both)]
-    place = folder(tmp_path / "in", alone, still=False)
-    assert run(["calibrate", "intrinsics", str(place), "--out", str(tmp_path / "camera.yaml")], COMMANDS) == 3
-    assert "degenerate: lenses_not_linked" in capsys.readouterr().err
+    first, second = ({row.split(",")[0] for row in rows[1:] if row.split(",")[2] == lens} for lens in "01")
+    alone = [rows[0], *(row for row in rows[1:] if row.split(",")[0] not in first & second)]
+    ended = calibrate("intrinsics", folder(tmp_path / "in", alone, still=False), "--out", tmp_path / "camera.yaml")
+    assert ended.code == 3
+    assert "degenerate: lenses_not_linked" in ended.err
 
 
-def test_two_lenses_take_one_model_only(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    place = folder(tmp_path / "in", lines(still=False, shots=6), still=False)
-    out = str(tmp_path / "camera.yaml")
-    assert run(["calibrate", "intrinsics", str(place), "--out", out, "--model", "eucm"], COMMANDS) == 1
-    assert "a camera with two lenses needs the model kannala_brandt" in capsys.readouterr().err
+def test_two_lenses_take_one_model_only(tmp_path: Path, calibrate: Calibrate) -> None:
+    path = folder(tmp_path / "in", lines(still=False, shots=6), still=False)
+    ended = calibrate("intrinsics", path, "--out", tmp_path / "camera.yaml", "--model", "eucm")
+    ended.refuses("a camera with two lenses needs the model kannala_brandt")

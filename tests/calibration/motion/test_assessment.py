@@ -19,11 +19,10 @@ from calibration.motion.report import motion_page
 from calibration.mounting.fit import turn_to
 from calibration.result_page import html_text
 from calibration.targets.targets import CharucoBoard, PrintedPattern, facing, patterns
-from palletloc.__main__ import COMMANDS
 from palletloc.cameras import Equirectangular
-from palletloc.cli.app import run
 from palletloc.geometry import FloatArray, Image
 from palletloc.trajectory import Trajectory
+from tests.calibration.expecting import Calibrate
 from tests.calibration.simulated_drive import DriveErrors, drive_of, simulate_drive
 
 BOARD = CharucoBoard(4, 3, 0.2, 0.15, "DICT_4X4_50")
@@ -237,12 +236,12 @@ def recording(
     return folder
 
 
-def test_a_recording_is_checked(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_recording_is_checked(recording: Path, tmp_path: Path, calibrate: Calibrate) -> None:
     out = tmp_path / "rig.yaml"
-    assert run(["calibrate", "extrinsics", "--motion", str(recording), "--out", str(out)], COMMANDS) == 3
-    told = capsys.readouterr()
-    assert "degenerate: motion_lost:" in told.err
-    assert "not told" in told.out
+    ended = calibrate("extrinsics", "--motion", recording, "--out", out)
+    assert ended.code == 3
+    assert "degenerate: motion_lost:" in ended.err
+    assert "not told" in ended.out
     assert not out.exists()
     data = json.loads((tmp_path / "rig.failed.json").read_text())
     assert data["found_minus_stated"][2] is None
@@ -250,19 +249,9 @@ def test_a_recording_is_checked(recording: Path, tmp_path: Path, capsys: pytest.
     assert np.degrees(data["found_minus_stated"][3:5]) == pytest.approx([-0.9, 1.2], abs=0.1)
 
 
-def test_a_recording_without_targets_is_one_line(
-    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_recording_without_targets_is_one_line(recording: Path, tmp_path: Path, calibrate: Calibrate) -> None:
     place = tmp_path / "other"
     place.mkdir()
     for name in ("recording.yaml", "shots.csv", "odometry.csv"):
         (place / name).write_text((recording / name).read_text())
-    assert run(["calibrate", "extrinsics", "--motion", str(place), "--out", "rig.yaml"], COMMANDS) == 1
-    told = capsys.readouterr().err
-    assert "targets.yaml" in told
-    assert told.count("\n") == 1
-
-
-@pytest.mark.parametrize("arguments", [[], ["folder", "--motion", "recording"]])
-def test_folder_or_drive_is_needed(arguments: list[str]) -> None:
-    assert run(["calibrate", "extrinsics", *arguments, "--out", "rig.yaml"], COMMANDS) == 2
+    calibrate("extrinsics", "--motion", place, "--out", "rig.yaml").refuses("targets.yaml")

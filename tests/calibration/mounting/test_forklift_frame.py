@@ -19,8 +19,9 @@ from calibration.targets.targets import CharucoBoard
 from palletloc.geometry import FloatArray, Image
 from palletloc.io.camera_spec import transform_from_angles
 from palletloc.survey.point import Survey, SurveyPoint
+from tests.calibration.expecting import Calibrate, present
 from tests.calibration.simulated_yard import Yard, YardErrors
-from tests.calibration.yard_folder import CORNERS, board_key, calibrate, copied, render_yard, set_key, write
+from tests.calibration.yard_folder import CORNERS, board_key, copied, render_yard, set_key, write
 from tests.palletloc.survey.gsi_writer import point_block, write_gsi
 
 WORLD_FROM_FORKLIFT = RigidTransform.from_components(
@@ -67,8 +68,7 @@ def test_exact_points_give_the_frame(method: Callable[[Survey], ForkliftFrame]) 
 def test_errors_of_the_frame_are_as_stated(method: Callable[[Survey], ForkliftFrame]) -> None:
     squares = []
     for seed in range(100):
-        pose = method(survey_of(PRISMS | FLOOR | WHEELS, np.random.default_rng(seed))).pose
-        assert pose is not None
+        pose = present(method(survey_of(PRISMS | FLOOR | WHEELS, np.random.default_rng(seed))).pose)
         moved = WORLD_FROM_FORKLIFT.translation - pose.target_from_source.translation
         off = np.concatenate([moved, turn_to(pose.target_from_source.rotation, WORLD_FROM_FORKLIFT.rotation)])
         squares.append(float(off @ np.linalg.solve(pose.covariance, off)))
@@ -90,8 +90,7 @@ def test_the_cameras_covariance_is_consistent(
         assert frame.pose is not None
         shift = frame.pose.target_from_source.inv() * WORLD_FROM_FORKLIFT
         surveys = tuple(replace(survey, points=shift.apply(survey.points)) for survey in drawn.problem.surveys)
-        start = agree(replace(drawn.problem, surveys=surveys))
-        assert start is not None
+        start = present(agree(replace(drawn.problem, surveys=surveys)))
         bare = fit_mounting(start.problem, start.poses)
         solution = bare.with_frame_errors(frame.camera_covariance(bare.poses.camera))
         moved = drawn.truth.camera.translation - solution.poses.camera.translation
@@ -164,9 +163,10 @@ def as_gsi(content: dict[str, Any], _: dict[str, FloatArray]) -> None:
 
 @pytest.mark.parametrize("change", [frame(**MEASURED), frame(**MARKS), as_gsi])
 def test_a_survey_in_the_world_gives_a_rig(
-    folder: Path, tmp_path: Path, forklift_from_camera: RigidTransform, change: Change
+    folder: Path, tmp_path: Path, forklift_from_camera: RigidTransform, change: Change, calibrate: Calibrate
 ) -> None:
-    assert calibrate(variant(folder, tmp_path / "yard", change), tmp_path / "rig.yaml") == 0
+    yard = variant(folder, tmp_path / "yard", change)
+    assert calibrate("extrinsics", yard, "--out", tmp_path / "rig.yaml").code == 0
     rig = yaml.safe_load((tmp_path / "rig.yaml").read_text())["forklift_from_camera"]
     found = transform_from_angles(rig["translation_m"], rig["roll_pitch_yaw_deg"])
     moved = np.abs(found.translation - forklift_from_camera.translation)
@@ -252,11 +252,11 @@ def rows(points: dict[str, list[float]]) -> Change:
     ],
 )
 def test_faults_of_the_survey_are_named(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], change: Change, code: int, message: str
+    folder: Path, tmp_path: Path, calibrate: Calibrate, change: Change, code: int, message: str
 ) -> None:
-    assert calibrate(variant(folder, tmp_path / "bad", change), tmp_path / "rig.yaml") == code
-    told = capsys.readouterr().err
-    assert message in told
+    ended = calibrate("extrinsics", variant(folder, tmp_path / "bad", change), "--out", tmp_path / "rig.yaml")
+    assert ended.code == code
+    assert message in ended.err
     assert (tmp_path / "rig.yaml").exists() == (code == 0)
 
 
@@ -287,10 +287,8 @@ def doubled(content: dict[str, Any], _: dict[str, FloatArray]) -> None:
     ],
 )
 def test_names_that_do_not_fit_are_one_line(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], change: Change, message: str
+    folder: Path, tmp_path: Path, calibrate: Calibrate, change: Change, message: str
 ) -> None:
-    assert calibrate(variant(folder, tmp_path / "bad", change), tmp_path / "rig.yaml") == 1
-    told = capsys.readouterr().err
-    assert message in told
-    assert told.count("\n") == 1
+    wrong = variant(folder, tmp_path / "bad", change)
+    calibrate("extrinsics", wrong, "--out", tmp_path / "rig.yaml").refuses(message)
     assert [path.name for path in tmp_path.iterdir()] == ["bad"]

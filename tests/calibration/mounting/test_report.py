@@ -10,12 +10,11 @@ from scipy.spatial.transform import RigidTransform
 from calibration import calibrate_mounting
 from calibration.mounting.report import mounting_page
 from calibration.result_page import write_result
-from palletloc.__main__ import COMMANDS
-from palletloc.cli.app import run
 from palletloc.geometry import Image
 from palletloc.io.camera_spec import transform_from_angles
 from palletloc.io.recording import read_recording
-from tests.calibration.yard_folder import CAMERA, CORNERS, board_key, calibrate, copied, render_yard, set_key, write
+from tests.calibration.expecting import Calibrate
+from tests.calibration.yard_folder import CAMERA, CORNERS, board_key, copied, render_yard, set_key, write
 
 DEV_YARD = Path(__file__).resolve().parents[3].parent / "shared/data/dev_yard"
 
@@ -44,12 +43,13 @@ def variant(folder: Path, place: Path, change: Callable[[dict[str, Any]], None])
 
 
 def test_a_yard_gives_a_rig_that_a_recording_takes(
-    folder: Path, tmp_path: Path, forklift_from_camera: RigidTransform, capsys: pytest.CaptureFixture[str]
+    folder: Path, tmp_path: Path, forklift_from_camera: RigidTransform, calibrate: Calibrate
 ) -> None:
     rig = tmp_path / "rig.yaml"
-    assert calibrate(folder, rig) == 0
+    ended = calibrate("extrinsics", folder, "--out", rig)
+    assert ended.code == 0
     assert sorted(path.name for path in tmp_path.iterdir()) == ["rig.html", "rig.json", "rig.yaml"]
-    assert "forklift_from_camera" in capsys.readouterr().out
+    assert "forklift_from_camera" in ended.out
     recording = tmp_path / "recording"
     recording.mkdir()
     shelf = "shelf: {point_m: [3.0, 1.8], facing_deg: -90.0}\npallets: [epal1-1200]\n"
@@ -78,7 +78,7 @@ def test_the_report_needs_nothing_but_itself(folder: Path, tmp_path: Path) -> No
     assert {left["target"] for left in data["left_out"]} == {"B0", "B1", "B2", "B3"}
 
 
-def test_a_failed_run_overwrites_nothing(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_failed_run_overwrites_nothing(folder: Path, tmp_path: Path, calibrate: Calibrate) -> None:
     def move(content: dict[str, Any]) -> None:
         for corner in content["targets"]["B2"]["corners_m"].values():
             corner[2] += 0.02
@@ -87,20 +87,22 @@ def test_a_failed_run_overwrites_nothing(folder: Path, tmp_path: Path, capsys: p
     out.mkdir()
     for name in ("rig.yaml", "rig.html", "rig.json"):
         (out / name).write_text("kept")
-    assert [calibrate(wrong, out / "rig.yaml") for _ in range(2)] == [1, 1]
+    ended = [calibrate("extrinsics", wrong, "--out", out / "rig.yaml") for _ in range(2)]
+    assert [each.code for each in ended] == [1, 1]
     assert {(out / name).read_text() for name in ("rig.yaml", "rig.html", "rig.json")} == {"kept"}
     assert {"rig.failed.html", "rig.failed.json", "rig.failed-2.html", "rig.failed-2.json"} < {
         path.name for path in out.iterdir()
     }
-    assert "fail: target_moved: target B2" in capsys.readouterr().err
+    assert "fail: target_moved: target B2" in ended[0].err
 
 
-def test_a_single_board_is_degenerate(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_single_board_is_degenerate(folder: Path, tmp_path: Path, calibrate: Calibrate) -> None:
     def single(content: dict[str, Any]) -> None:
         content["targets"] = {"B1": content["targets"]["B1"]}
 
-    assert calibrate(variant(folder, tmp_path / "single", single), tmp_path / "rig.yaml") == 3
-    assert "degenerate: one_target:" in capsys.readouterr().err
+    ended = calibrate("extrinsics", variant(folder, tmp_path / "single", single), "--out", tmp_path / "rig.yaml")
+    assert ended.code == 3
+    assert "degenerate: one_target:" in ended.err
     assert not (tmp_path / "rig.yaml").exists()
     reasons = json.loads((tmp_path / "rig.failed.json").read_text())["reasons"]
     assert [(reason["code"], bool(reason["what"]), bool(reason["how"])) for reason in reasons] == [
@@ -131,24 +133,11 @@ def test_a_single_board_is_degenerate(folder: Path, tmp_path: Path, capsys: pyte
     ],
 )
 def test_bad_input_is_one_line(
-    folder: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    change: Callable[[dict[str, Any]], None],
-    message: str,
+    folder: Path, tmp_path: Path, calibrate: Calibrate, change: Callable[[dict[str, Any]], None], message: str
 ) -> None:
-    assert calibrate(variant(folder, tmp_path / "bad", change), tmp_path / "rig.yaml") == 1
-    told = capsys.readouterr().err
-    assert message in told
-    assert told.count("\n") == 1
+    wrong = variant(folder, tmp_path / "bad", change)
+    calibrate("extrinsics", wrong, "--out", tmp_path / "rig.yaml").refuses(message)
     assert [path.name for path in tmp_path.iterdir()] == ["bad"]
-
-
-@pytest.mark.parametrize(
-    "arguments", [[], ["extrinsics"], ["extrinsics", "x"], ["nothing"], ["board", "--rows", "1"]]
-)
-def test_wrong_usage_is_2(arguments: list[str]) -> None:
-    assert run(["calibrate", *arguments], COMMANDS) == 2
 
 
 @pytest.mark.slow

@@ -14,9 +14,8 @@ from calibration.mounting.problem import SurveyedTarget
 from calibration.plan.assessment import assess_plan
 from calibration.plan.prediction import Layout, PlannedTarget, predict
 from calibration.targets.targets import CharucoBoard, SingleTag, facing, on_board, patterns
-from palletloc.__main__ import COMMANDS
 from palletloc.cameras import Equirectangular, Pinhole
-from palletloc.cli.app import run
+from tests.calibration.expecting import Calibrate, present
 from tests.calibration.simulated_yard import Yard, YardErrors, boards_around, simulate_yard
 from tests.calibration.yard_folder import set_key
 
@@ -61,9 +60,8 @@ def test_simulated_calibrations_scatter_as_predicted(forklift_from_camera: Rigid
     predicted = predict(layout_of(boards, BOARD, errors, forklift_from_camera)).sigma
     off = []
     for seed in range(count):
-        drawn = simulated(boards, errors, forklift_from_camera, seed)
-        start = agree(drawn.problem)
-        assert start is not None
+        drawn = simulate_yard(patterns(BOARD)[0], forklift_from_camera, boards, errors, seed)
+        start = present(agree(drawn.problem))
         camera = fit_mounting(start.problem, start.poses).poses.camera
         turned = turn_to(forklift_from_camera.rotation, camera.rotation)
         off.append([*(camera.translation - forklift_from_camera.translation), *turned])
@@ -72,19 +70,15 @@ def test_simulated_calibrations_scatter_as_predicted(forklift_from_camera: Rigid
     np.testing.assert_allclose(scatter / predicted, 1.0, atol=3.5 / np.sqrt(2 * count))
 
 
-def simulated(boards: list[RigidTransform], errors: YardErrors, camera: RigidTransform, seed: int) -> Yard:
-    return simulate_yard(patterns(BOARD)[0], camera, boards, errors, seed)
-
-
 TAG_SPEC = {"dictionary": "DICT_APRILTAG_36h11", "size_m": 0.2}
 
 
 def write(
     place: Path, centers: list[list[float]], change: Callable[[dict[str, Any]], None] = lambda _: None, **more: object
 ) -> Path:
-    """Write a layout of tags."""
+    """Write a layout of tags, each with more keys."""
     targets = {
-        f"T{k}": {"tag": TAG_SPEC | {"id": k}, "center_m": center, "sigma_m": 0.001}
+        f"T{k}": {"tag": TAG_SPEC | {"id": k}, "center_m": center, "sigma_m": 0.001} | more
         for k, center in enumerate(centers)
     }
     content: dict[str, Any] = {
@@ -93,24 +87,19 @@ def write(
         "forklift_from_camera": {"translation_m": [0.3, 0.1, 1.9], "roll_pitch_yaw_deg": [0, 0, 0]},
         "corner_deg": 0.02,
         "targets": targets,
-    } | more
+    }
     change(content)
     path = place / "layout.yaml"
     path.write_text(yaml.safe_dump(content))
     return path
 
 
-def plan(path: Path, *options: str) -> int:
-    return run(["calibrate", "plan", str(path), *options], COMMANDS)
-
-
-def test_tags_on_four_sides_pass(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_tags_on_four_sides_pass(tmp_path: Path, calibrate: Calibrate) -> None:
     corners = [[x, y, z] for x, y, z in ([2.8, 2.1, 1.0], [-2.2, 2.3, 1.7], [-2.3, -2.1, 1.1], [2.9, -2.0, 2.2])]
     path = write(tmp_path, [FRONT, BACK, LEFT, RIGHT, *corners])
-    assert plan(path, "--out", str(tmp_path / "plan.html")) == 0
-    told = capsys.readouterr()
-    assert "predicted sigma" in told.out
-    assert told.err == ""
+    ended = calibrate("plan", path, "--out", tmp_path / "plan.html")
+    assert (ended.code, ended.err) == (0, "")
+    assert "predicted sigma" in ended.out
     page, data = (tmp_path / "plan.html").read_text(), json.loads((tmp_path / "plan.json").read_text())
     assert page.count('src="data:image/png;base64,') == page.count("<img ") == 1
     # Published for eight tags on four walls at 0.02 degrees and 1 mm: 0.6, 0.6, 0.4 mm and 0.01 degrees.
@@ -121,17 +110,12 @@ def test_tags_on_four_sides_pass(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert len(data["targets"]) == 8
 
 
-def test_one_wall_has_the_published_sigmas_and_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_one_wall_has_the_published_sigmas_and_is_refused(tmp_path: Path, calibrate: Calibrate) -> None:
     centers = [[3.3, y, z] for y in (-1.0, 1.0) for z in (1.4, 2.4)]
-
-    def face(content: dict[str, Any]) -> None:
-        for target in content["targets"].values():
-            target["facing_deg"] = 180.0
-
-    assert plan(write(tmp_path, centers, face), "--out", str(tmp_path / "plan.html")) == 3
-    told = capsys.readouterr()
-    assert "degenerate: one_wall:" in told.err
-    assert "hang a target like" in told.err
+    ended = calibrate("plan", write(tmp_path, centers, facing_deg=180.0), "--out", tmp_path / "plan.html")
+    assert ended.code == 3
+    assert "degenerate: one_wall:" in ended.err
+    assert "hang a target like" in ended.err
     data = json.loads((tmp_path / "plan.failed.json").read_text())
     sigma = np.array(data["predicted"]["translation_sigma_m"])
     # Published for four tags on a wall at 0.02 degrees and 1 mm: along the line of sight 1.6 mm, across it 6.7 mm.
@@ -150,22 +134,18 @@ def test_one_wall_has_the_published_sigmas_and_is_refused(tmp_path: Path, capsys
     ],
 )
 def test_degenerate_layouts_are_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], centers: list[list[float]], code: str
+    tmp_path: Path, calibrate: Calibrate, centers: list[list[float]], code: str
 ) -> None:
-    def face(content: dict[str, Any]) -> None:
-        for target in content["targets"].values():
-            target["facing_deg"] = 180.0
-
-    assert plan(write(tmp_path, centers, face)) == 3
-    assert f"degenerate: {code}:" in capsys.readouterr().err
+    ended = calibrate("plan", write(tmp_path, centers, facing_deg=180.0))
+    assert ended.code == 3
+    assert f"degenerate: {code}:" in ended.err
 
 
 def test_one_more_target_helps_as_much_as_promised() -> None:
     boards = boards_around(EYE.translation, (0.3, -0.4, 0.1), 1)
     layout = layout_of(boards, BOARD, YardErrors(survey=0.001, bearing=2e-4))
     before = assess_plan(layout)
-    offer = before.suggestion
-    assert offer is not None
+    offer = present(before.suggestion)
     level = np.sqrt(2.0**2 - offer.above**2)
     middle = EYE.translation + np.array([level * np.cos(offer.azimuth), level * np.sin(offer.azimuth), offer.above])
     model = layout.targets[0]
@@ -188,20 +168,17 @@ def test_a_target_that_is_not_seen_gives_nothing() -> None:
     np.testing.assert_allclose(told.prediction.without(2), told.prediction.sigma)
 
 
-def turned(content: dict[str, Any]) -> None:
-    content["targets"]["T0"]["facing_deg"] = 0.0
-
-
-def far(content: dict[str, Any]) -> None:
-    content["targets"]["T0"]["center_m"] = [30.0, 0.0, 2.0]
-
-
-@pytest.mark.parametrize(("change", "code"), [(turned, "turned_away"), (far, "small_markers")])
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        (set_key("targets", "T0", "facing_deg", value=0.0), "turned_away"),
+        (set_key("targets", "T0", "center_m", value=[30.0, 0.0, 2.0]), "small_markers"),
+    ],
+)
 def test_targets_that_will_not_be_found_are_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], change: Callable[[dict[str, Any]], None], code: str
+    tmp_path: Path, calibrate: Calibrate, change: Callable[[dict[str, Any]], None], code: str
 ) -> None:
-    plan(write(tmp_path, [FRONT, BACK, LEFT, RIGHT], change))
-    assert f"warning: {code}:" in capsys.readouterr().err
+    assert f"warning: {code}:" in calibrate("plan", write(tmp_path, [FRONT, BACK, LEFT, RIGHT], change)).err
 
 
 @pytest.mark.parametrize(
@@ -220,26 +197,14 @@ def test_targets_that_will_not_be_found_are_named(
     ],
 )
 def test_bad_layouts_are_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], change: Callable[[dict[str, Any]], None], message: str
+    tmp_path: Path, calibrate: Calibrate, change: Callable[[dict[str, Any]], None], message: str
 ) -> None:
-    assert plan(write(tmp_path, [FRONT, BACK, LEFT], change)) == 1
-    told = capsys.readouterr().err
-    assert message in told
-    assert told.count("\n") == 1
+    calibrate("plan", write(tmp_path, [FRONT, BACK, LEFT], change)).refuses(message)
 
 
-def test_millimetres_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    def change(content: dict[str, Any]) -> None:
-        one = content["targets"]["T0"]
-        del one["center_m"]
-        one["corners_m"] = {
-            "top_left": [3000, 100, 1700], "top_right": [3000, -100, 1700], "bottom_left": [3000, 100, 1500]
-        }  # fmt: skip
-
-    assert plan(write(tmp_path, [FRONT, BACK, LEFT], change)) == 1
-    assert "fail: units:" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("arguments", [["plan"], ["plan", "a", "b"]])
-def test_wrong_usage_of_the_plan_is_2(arguments: list[str]) -> None:
-    assert run(["calibrate", *arguments], COMMANDS) == 2
+def test_millimetres_are_told(tmp_path: Path, calibrate: Calibrate) -> None:
+    corners = ("top_left", [3000, 100, 1700]), ("top_right", [3000, -100, 1700]), ("bottom_left", [3000, 100, 1500])
+    tag = {"tag": TAG_SPEC | {"id": 0}, "corners_m": dict(corners), "sigma_m": 0.001}
+    ended = calibrate("plan", write(tmp_path, [FRONT, BACK, LEFT], set_key("targets", "T0", value=tag)))
+    assert ended.code == 1
+    assert "fail: units:" in ended.err

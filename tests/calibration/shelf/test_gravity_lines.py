@@ -7,6 +7,7 @@ from calibration.shelf.line_segments import Segments, find_segments
 from palletloc.cameras import Equirectangular
 from palletloc.geometry import FloatArray
 from palletloc.mounting import Mounting
+from tests.calibration.expecting import present
 
 TILT = np.radians([0.3, -0.2])
 
@@ -44,8 +45,7 @@ def shelf_lines(heading: float, heights: tuple[float, ...]) -> FloatArray:
 
 def test_the_tilt_of_a_camera_is_found_from_plumb_edges() -> None:
     shots = [seen(posts(np.linspace(0.2, 2.9, 12) + 0.1 * k), noise=0.001, seed=k) for k in range(5)]
-    found = vertical_tilt(shots)
-    assert found is not None
+    found = present(vertical_tilt(shots))
     sigma = np.sqrt(np.diag(np.linalg.inv(found.information)))
     assert np.abs(found.turn - TILT).max() < np.radians(0.03)
     assert (np.abs(found.turn - TILT) < 2 * sigma).all()
@@ -56,14 +56,12 @@ def test_edges_that_lean_either_way_do_not_matter() -> None:
     upright = posts(np.linspace(0.2, 2.9, 16))
     leaning = posts(rng.uniform(-3, 3, 14))
     leaning[:, 1, :2] += rng.uniform(-0.12, 0.12, (14, 2))
-    found = vertical_tilt([seen(np.concatenate([upright, leaning]), noise=0.0005)])
-    assert found is not None
+    found = present(vertical_tilt([seen(np.concatenate([upright, leaning]), noise=0.0005)]))
     assert np.abs(found.turn - TILT).max() < np.radians(0.06)
 
 
 def test_edges_in_one_direction_leave_the_tilt_towards_them_open() -> None:
-    found = vertical_tilt([seen(posts(np.linspace(1.5, 1.64, 10)), noise=0.0003)])
-    assert found is not None
+    found = present(vertical_tilt([seen(posts(np.linspace(1.5, 1.64, 10)), noise=0.0003)]))
     about_x, about_y = np.sqrt(np.diag(np.linalg.pinv(found.information)))
     assert about_x > 5 * about_y
 
@@ -75,20 +73,16 @@ def test_too_few_edges_give_nothing() -> None:
 @pytest.mark.parametrize("heading", [0.0, 0.4, -2.8])
 def test_level_edges_tell_where_the_shelf_points(heading: float) -> None:
     segments = seen(shelf_lines(heading, (-1.8, -1.2, -0.3, 0.9)), tilt=np.zeros(2), noise=0.001)
-    found = level_direction(segments, heading + 0.03)
-    assert found is not None
+    found = present(level_direction(segments, heading + 0.03))
     assert found.heading_if_level()[0] == pytest.approx(heading, abs=np.radians(0.2))
-    in_odom = level_heading([(found, 0.5)])
-    assert in_odom is not None
+    in_odom = present(level_heading([(found, 0.5)]))
     assert np.degrees(abs(np.angle(np.exp(1j * (in_odom[0] - heading - 0.5))))) < 0.2
 
 
 def test_level_edges_tell_the_tilt_about_the_axis_across_them() -> None:
     segments = seen(shelf_lines(0.0, (-1.8, -1.2, -0.3, 0.9)), noise=0.0005)
-    found = level_direction(segments, 0.0)
-    assert found is not None
-    tilt = level_tilt([(found, 0.0)])
-    assert tilt is not None
+    found = present(level_direction(segments, 0.0))
+    tilt = present(level_tilt([(found, 0.0)]))
     axis = np.linalg.eigh(tilt.information)[1][:, -1]
     assert axis @ tilt.turn == pytest.approx(axis @ TILT, abs=np.radians(0.08))
     assert np.linalg.eigvalsh(tilt.information)[0] == pytest.approx(0.0, abs=1e-6)

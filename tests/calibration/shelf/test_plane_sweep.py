@@ -15,6 +15,7 @@ from palletloc.cameras import Equirectangular
 from palletloc.geometry import FloatArray
 from palletloc.io.recording import Recording
 from palletloc.shelf import ShelfPlane
+from tests.calibration.expecting import present
 
 FRONT, BEHIND = 1.8, 0.9
 TURN = float(np.radians(0.7))
@@ -172,11 +173,9 @@ def test_a_clear_peak_is_as_sure_as_the_planes_stand_together_and_it_is_narrow()
 
 def test_a_sweep_says_nothing_of_the_heading_and_nothing_without_a_clear_peak() -> None:
     others = [said("uprights", 1.8, 0.01)]
-    found = sweep_estimate(peaked(1.82, 0.015), 0.01, others)
-    assert found is not None
+    found = present(sweep_estimate(peaked(1.82, 0.015), 0.01, others))
     assert np.isinf(found.sigma[0])
-    fused = fuse([*others, found])
-    assert fused is not None
+    fused = present(fuse([*others, found]))
     assert fused.turn == pytest.approx(0.0, abs=1e-9)
     assert 1.8 < fused.distance < 1.802
     assert sweep_estimate(peaked(1.95, 0.015), 0.0, others) is None
@@ -184,9 +183,7 @@ def test_a_sweep_says_nothing_of_the_heading_and_nothing_without_a_clear_peak() 
 
 def test_a_sweep_that_contradicts_the_others_is_named() -> None:
     others = [said("uprights", 1.8, 0.003), said("pallets", 1.81, 0.003)]
-    found = sweep_estimate(peaked(1.91, 0.012), 0.0, others)
-    assert found is not None
-    fused = fuse([*others, found])
-    assert fused is not None
+    found = present(sweep_estimate(peaked(1.91, 0.012), 0.0, others))
+    fused = present(fuse([*others, found]))
     assert fused.disagreement is not None
     assert SWEEP in (fused.disagreement.first, fused.disagreement.second)

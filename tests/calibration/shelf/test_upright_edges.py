@@ -13,6 +13,7 @@ from palletloc.cameras import CameraModel, Equirectangular
 from palletloc.geometry import FloatArray, Image
 from palletloc.mounting import Mounting
 from palletloc.shelf import ShelfPlane
+from tests.calibration.expecting import present
 
 POSTS = (-1.6, 1.1, 3.8)
 WIDTH, DEPTH, FRONT, TOP = 0.1, 0.07, 1.9, 2.6
@@ -70,8 +71,7 @@ def off_front(edges: Edges) -> tuple[float, float]:
     """Return how far the front is off in distance (metres) and turn (degrees)."""
     foot = Foot(np.array([1.3, 0.0]), np.pi / 2)
     covariance = np.eye(2 * len(edges.vote)) * 1e-5
-    line = upright_line(edges, edges.places, covariance, foot, float(np.radians(2)))
-    assert line is not None
+    line = present(upright_line(edges, edges.places, covariance, foot, float(np.radians(2))))
     front = corners(0.0)[0]
     turn, distance = foot.described(ShelfPlane(float(front[0]), float(front[1]), TURN - np.pi / 2))
     return line.estimate.distance - distance, float(np.degrees(line.estimate.turn - turn))

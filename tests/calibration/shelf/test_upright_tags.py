@@ -11,6 +11,7 @@ from palletloc.cameras import Equirectangular
 from palletloc.geometry import Image, LevelPose
 from palletloc.io.recording import Recording
 from palletloc.shelf import ShelfPlane
+from tests.calibration.expecting import present
 
 FRONT, TURN = 1.8, float(np.radians(1.0))
 TAGS = TagsOnUprights("DICT_4X4_50", 0.3, 0.01)
@@ -69,7 +70,6 @@ def test_tags_elsewhere_do_not_count() -> None:
 
 
 def test_one_tag_tells_the_distance_but_hardly_the_heading() -> None:
-    found = tag_plane({1: np.array([[0.2, 1.8]])}, FOOT, TAGS)
-    assert found is not None
+    found = present(tag_plane({1: np.array([[0.2, 1.8]])}, FOOT, TAGS))
     assert found.distance == pytest.approx(1.81, abs=1e-6)
     assert np.degrees(found.sigma[0]) > 3

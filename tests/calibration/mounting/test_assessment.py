@@ -96,15 +96,15 @@ def test_a_moved_target_is_named(yard: Callable[..., Yard], distance: float, gui
     assert f"target B{guilty + 1} " in found[0].what
 
 
-@pytest.mark.parametrize("signs", [(1, -1, 1), (-1, 1, 1), (1, 1, -1)])
-def test_a_wrong_sign_is_a_mirror(yard: Callable[..., Yard], signs: tuple[int, int, int]) -> None:
-    problem = edited(yard().problem, lambda _, s: replace(s, points=s.points * signs))
-    assert codes(assess_mounting(problem, CAMERA)) == ["mirrored_axes"]
-
-
-@pytest.mark.parametrize("order", [(1, 0, 2), (0, 2, 1), (2, 1, 0)])
-def test_swapped_axes_are_a_mirror(yard: Callable[..., Yard], order: tuple[int, int, int]) -> None:
-    problem = edited(yard().problem, lambda _, s: replace(s, points=s.points[:, order]))
+@pytest.mark.parametrize(
+    ("order", "signs"),
+    [((0, 1, 2), signs) for signs in ((1, -1, 1), (-1, 1, 1), (1, 1, -1))]
+    + [(order, (1, 1, 1)) for order in ((1, 0, 2), (0, 2, 1), (2, 1, 0))],
+)
+def test_a_wrong_sign_and_swapped_axes_are_a_mirror(
+    yard: Callable[..., Yard], order: tuple[int, int, int], signs: tuple[int, int, int]
+) -> None:
+    problem = edited(yard().problem, lambda _, s: replace(s, points=s.points[:, order] * signs))
     assert codes(assess_mounting(problem, CAMERA)) == ["mirrored_axes"]
 
 

@@ -6,12 +6,12 @@ import pytest
 from scipy.stats import chi2
 
 from calibration.mounting.consensus import Reading, agree, read_as
-from calibration.mounting.fit import MountingFit, extra_parameter, fit_mounting, refit, turn_to
+from calibration.mounting.fit import MountingFit, extra_parameter, fit_mounting, refit
 from calibration.mounting.problem import CAMERA, MountingProblem, Poses
 from calibration.targets.targets import CharucoBoard, SingleTag
 from palletloc.geometry import FloatArray
 from tests.calibration.expecting import present
-from tests.calibration.simulated_yard import Yard, YardErrors
+from tests.calibration.simulated_yard import Yard, YardErrors, assert_consistent, pose_error
 
 LAYOUTS = ((0.4, 2.0, -2.6, -1.2), (0.3, 1.6, -0.5), (1.4, -1.5, 0.2, 3.0, -2.4, 2.2))
 SMALL, TAG = CharucoBoard(4, 3, 0.12, 0.09, "DICT_4X4_250"), SingleTag(0.3, "DICT_APRILTAG_36h11", 0)
@@ -23,8 +23,7 @@ def solved(problem: MountingProblem) -> MountingFit:
 
 
 def error(solution: MountingFit, truth: Poses) -> FloatArray:
-    moved = truth.camera.translation - solution.poses.camera.translation
-    return np.concatenate([moved, turn_to(solution.poses.camera.rotation, truth.camera.rotation)])
+    return pose_error(solution.poses.camera, truth.camera)
 
 
 def test_exact_observations_give_the_truth(yard: Callable[..., Yard]) -> None:
@@ -41,8 +40,7 @@ def test_covariances_are_consistent_over_many_yards(yard: Callable[..., Yard], c
         solution = solved(drawn.problem)
         off = error(solution, drawn.truth)
         squares.append(float(off @ np.linalg.solve(solution.covariance, off)))
-    low, high = (chi2.ppf(level, 6 * len(squares)) / len(squares) for level in (0.005, 0.995))
-    assert low < np.mean(squares) < high
+    assert_consistent(squares)
     assert max(squares) < chi2.isf(1e-5, 6)
 
 

@@ -9,14 +9,14 @@ import yaml
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from calibration.mounting.consensus import agree
-from calibration.mounting.fit import fit_mounting, turn_to
+from calibration.mounting.fit import fit_mounting
 from calibration.mounting.problem import SurveyedTarget
 from calibration.plan.assessment import assess_plan
 from calibration.plan.prediction import Layout, PlannedTarget, predict
 from calibration.targets.targets import CharucoBoard, SingleTag, facing, on_board, patterns
 from palletloc.cameras import Equirectangular, Pinhole
 from tests.calibration.expecting import Calibrate, present
-from tests.calibration.simulated_yard import Yard, YardErrors, boards_around, simulate_yard
+from tests.calibration.simulated_yard import Yard, YardErrors, boards_around, pose_error, simulate_yard
 from tests.calibration.yard_folder import set_key
 
 CAMERA = Equirectangular(3840, 1920)
@@ -63,8 +63,7 @@ def test_simulated_calibrations_scatter_as_predicted(forklift_from_camera: Rigid
         drawn = simulate_yard(patterns(BOARD)[0], forklift_from_camera, boards, errors, seed)
         start = present(agree(drawn.problem))
         camera = fit_mounting(start.problem, start.poses).poses.camera
-        turned = turn_to(forklift_from_camera.rotation, camera.rotation)
-        off.append([*(camera.translation - forklift_from_camera.translation), *turned])
+        off.append(pose_error(camera, forklift_from_camera))
     scatter = np.sqrt(np.mean(np.square(off), axis=0))
     # The root mean square of n numbers is known to 1 / sqrt(2 n); six are compared.
     np.testing.assert_allclose(scatter / predicted, 1.0, atol=3.5 / np.sqrt(2 * count))

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calibration.shelf.front_line import pallet_line, upright_line
+from calibration.shelf.front_line import FrontLine, pallet_line, upright_line
 from calibration.shelf.plane import Foot, PlaneEstimate, disagreement, fuse, inverse_of
 from calibration.shelf.upright_edges import Edges
 from palletloc.geometry import FloatArray
@@ -135,10 +135,14 @@ def noise(edges: Edges, sigma: float = 0.002) -> FloatArray:
     return np.eye(2 * len(edges.vote)) * sigma**2
 
 
+def front(edges: Edges, heading_sigma: float = KNOWN) -> FrontLine:
+    return present(upright_line(edges, edges.places, noise(edges), HERE, heading_sigma))
+
+
 @pytest.mark.parametrize("turn_deg", [-1.5, 0.0, 0.8])
 def test_the_front_corners_are_found_before_the_rear_ones(turn_deg: float) -> None:
     edges = posts(float(np.radians(turn_deg)), 1.8, (-2.0, 0.7))
-    line = present(upright_line(edges, edges.places, noise(edges), HERE, KNOWN))
+    line = front(edges)
     assert line.members.tolist() == [True, False, True, False] * 2
     assert np.degrees(line.estimate.turn) == pytest.approx(turn_deg, abs=0.15)
     assert line.estimate.distance == pytest.approx(1.8, abs=0.002)
@@ -147,29 +151,30 @@ def test_the_front_corners_are_found_before_the_rear_ones(turn_deg: float) -> No
 
 def test_a_far_turn_is_found_where_the_heading_is_hardly_known() -> None:
     edges = posts(float(np.radians(9.0)), 1.8, (-2.0, 0.7, 2.5))
-    line = present(upright_line(edges, edges.places, noise(edges), HERE, ROUGH))
+    line = front(edges, ROUGH)
     assert np.degrees(line.estimate.turn) == pytest.approx(9.0, abs=0.1)
 
 
 def test_one_post_gives_the_distance_by_the_known_heading() -> None:
     edges = posts(0.0, 1.8, (0.7,))
-    line = present(upright_line(edges, edges.places, noise(edges), HERE, KNOWN))
+    line = front(edges)
     turn, _ = line.estimate.sigma
     assert np.degrees(turn) > 0.5
     assert line.estimate.distance + 0.7 * line.estimate.turn == pytest.approx(1.8, abs=0.01)
 
 
-def test_low_edges_before_the_shelf_are_not_its_front() -> None:
-    guards = posts(0.0, 1.6, (-2.0, 0.7), votes=0.2)
-    edges = joined(guards, posts(0.0, 1.8, (-2.0, 0.7)))
-    line = present(upright_line(edges, edges.places, noise(edges), HERE, KNOWN))
-    assert line.estimate.distance == pytest.approx(1.8, abs=0.002)
-
-
-def test_a_single_thing_before_the_shelf_is_not_its_front() -> None:
-    lone = Edges(np.array([[0.3, 1.65]]), np.array([0.9]), np.ones(1))
-    edges = joined(lone, posts(0.0, 1.8, (-2.0, 0.7, 2.9)))
-    line = present(upright_line(edges, edges.places, noise(edges), HERE, KNOWN))
+@pytest.mark.parametrize(
+    ("before", "places"),
+    [
+        (posts(0.0, 1.6, (-2.0, 0.7), votes=0.2), (-2.0, 0.7)),
+        (Edges(np.array([[0.3, 1.65]]), np.array([0.9]), np.ones(1)), (-2.0, 0.7, 2.9)),
+    ],
+    ids=["low edges", "a single thing"],
+)
+def test_low_edges_and_a_single_thing_before_the_shelf_are_not_its_front(
+    before: Edges, places: tuple[float, ...]
+) -> None:
+    line = front(joined(before, posts(0.0, 1.8, places)))
     assert line.estimate.distance == pytest.approx(1.8, abs=0.002)
 
 

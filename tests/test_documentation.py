@@ -1,7 +1,6 @@
 """What the pages say about the program, compared with the program."""
 
-from __future__ import annotations
-
+import importlib
 import re
 from dataclasses import fields, is_dataclass
 from pathlib import Path
@@ -14,10 +13,9 @@ import yaml
 import calibration
 import palletloc
 import tracking
+from palletloc import LocalizerConfig, Method
 from palletloc.__main__ import COMMANDS
-from palletloc.choices import Method
 from palletloc.cli.app import Command
-from palletloc.config import LocalizerConfig
 from palletloc.evaluation.recording import ERROR_COLUMNS
 from palletloc.io.config_file import read_config
 from palletloc.io.tracks import TRACK_COLUMNS
@@ -26,7 +24,10 @@ from tracking.config import read_tracker_config
 from tracking.events import EventKind
 from tracking.files import EVENT_COLUMNS
 
-DOCS = Path(__file__).resolve().parents[1] / "docs"
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / "docs"
+PIPELINE = (DOCS / "pipeline.md").read_text(encoding="utf-8")
+RESULTS = (DOCS / "results.md").read_text(encoding="utf-8")
 REFUSALS = (DOCS / "refusals.md").read_text(encoding="utf-8")
 API = (DOCS / "api.md").read_text(encoding="utf-8")
 CLI = (DOCS / "cli.md").read_text(encoding="utf-8")
@@ -51,8 +52,10 @@ def long_options(command: Command) -> set[str]:
     return {name for leaf in below for option in leaf.params for name in option.opts if name[:2] == "--"}
 
 
-def test_every_reason_has_a_section_and_no_other_has() -> None:
-    assert sections(REFUSALS, "###").keys() == {str(reason) for reason in Reason}
+def test_every_reason_and_stage_is_listed_and_no_other() -> None:
+    assert sorted(re.findall(r"^### (.+)$", REFUSALS, re.MULTILINE)) == sorted(Reason)
+    rows = re.findall(r"^\| `(\w+)` \|", sections(REFUSALS, "##")["Stages"], re.MULTILINE)
+    assert rows == [str(stage) for stage in Stage]
 
 
 def test_every_reason_is_explained_with_cause_and_remedy() -> None:
@@ -63,13 +66,9 @@ def test_every_reason_is_explained_with_cause_and_remedy() -> None:
         assert [point.split(":")[0] for point in points] == ["**Cause", "**Remedy"], reason
 
 
-def test_every_stage_has_a_row_and_no_other_has() -> None:
-    rows = re.findall(r"^\| `(\w+)` \|", sections(REFUSALS, "##")["Stages"], re.MULTILINE)
-    assert rows == [str(stage) for stage in Stage]
-
-
-def test_every_parameter_that_is_named_exists() -> None:
-    for section, name in re.findall(r"`(\w+)\.(\w+)`", REFUSALS + CLI):
+@pytest.mark.parametrize("page", [REFUSALS + CLI, PIPELINE], ids=["refusals", "pipeline"])
+def test_every_parameter_that_is_named_exists(page: str) -> None:
+    for section, name in re.findall(r"`(\w+)\.(\w+)`", page):
         if section in SECTIONS:
             part = getattr(LocalizerConfig(), section)
             assert is_dataclass(part)
@@ -78,13 +77,11 @@ def test_every_parameter_that_is_named_exists() -> None:
 
 def test_parameters_are_named_where_they_help() -> None:
     assert len(re.findall(r"`(?:detection|yaw|position|verification|prior)\.\w+`", REFUSALS)) > 5
+    assert len([section for section, _ in re.findall(r"`(\w+)\.(\w+)`", PIPELINE) if section in SECTIONS]) > 20
 
 
-def test_every_command_has_a_section_and_no_other_has() -> None:
+def test_every_command_has_a_section_with_its_options_and_no_others() -> None:
     assert set(sections(CLI, "##")) == {f"palletloc {command.name}" for command in COMMANDS}
-
-
-def test_every_option_of_a_command_is_in_its_section_and_no_other_is() -> None:
     for command in COMMANDS:
         rows = re.findall(r"^\| (.*?) \|", sections(CLI, "##")[f"palletloc {command.name}"], re.MULTILINE)
         described = set(re.findall(r"--[a-z]+(?:-[a-z]+)*", " ".join(rows)))
@@ -107,14 +104,11 @@ def test_the_example_of_a_file_of_parameters_can_be_read(tmp_path: Path) -> None
     assert hits == yaml.safe_load(example)["tracker"]["life"]["confirm_hits"]
 
 
-def test_the_columns_of_every_table_are_listed() -> None:
+def test_the_columns_of_every_table_and_every_event_are_listed() -> None:
     lines = (DOCS / "files.md").read_text(encoding="utf-8").splitlines()
     assert [
         name for name in (TRACK_COLUMNS, EVENT_COLUMNS, ERROR_COLUMNS) if f"`{','.join(name)}`" not in lines
     ] == []
-
-
-def test_every_event_is_explained() -> None:
     (section,) = re.findall(
         r"^### events.csv\n(.*?)^##", (DOCS / "files.md").read_text(encoding="utf-8"), re.M | re.S
     )
@@ -128,3 +122,48 @@ def test_every_public_name_is_listed_with_the_first_line_of_its_docstring(packag
     first = {name: " ".join(str(getattr(package, name).__doc__).split("\n\n")[0].split()) for name in package.__all__}
     (section,) = (text for title, text in sections(API, "##").items() if f"`{package.__name__}`" in title)
     assert dict(re.findall(r"^\| `(\w+)` \| (.+) \|$", section, re.MULTILINE)) == first
+
+
+def test_modules_plots_and_steps_with_parameters_are_described_and_exist() -> None:
+    named = set(re.findall(r"`(palletloc(?:\.\w+)+)`", PIPELINE))
+    assert len(named) > 20
+    assert [name for name in sorted(named) if not importlib.import_module(name).__doc__] == []
+    described = {section for section, _ in re.findall(r"`(\w+)\.(\w+)`", PIPELINE)}
+    assert described >= SECTIONS - {"joint_search"}
+    scripts = re.findall(r"^\.\. plot:: (\S+)$", PIPELINE, re.MULTILINE)
+    assert scripts
+    assert all((DOCS / script).is_file() for script in scripts)
+
+
+def test_every_method_has_its_row_in_every_table_of_accuracy() -> None:
+    tables = [table for table in re.findall(r"(?:^\|.*\n)+", RESULTS, re.MULTILINE) if "| method |" in table]
+    assert tables
+    for table in tables:
+        assert set(re.findall(r"\| (\w+) \| \d+ \|", table)) == {str(method) for method in Method}
+
+
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+EXAMPLES = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+
+
+def printed(example: str, capsys: pytest.CaptureFixture[str]) -> list[str]:
+    exec(compile(example, "README.md", "exec"), {})
+    return capsys.readouterr().out.splitlines()
+
+
+def test_the_streaming_example_confirms_every_pallet(capsys: pytest.CaptureFixture[str]) -> None:
+    lines = printed(EXAMPLES[1], capsys)
+    assert len(lines) >= 2
+    assert all(re.fullmatch(r"[\d.]+ s track \d: [-\d. ]+ m, exact", line) for line in lines)
+
+
+def test_the_python_example_prints_a_line_per_pallet_and_shot(capsys: pytest.CaptureFixture[str]) -> None:
+    lines = printed(EXAMPLES[0], capsys)
+    assert len(lines) >= 11
+    assert all(re.fullmatch(r"[\d.]+ s t11-plastic: [-\d. ]+ m, [-\d.]+ rad", line) for line in lines)
+
+
+def test_every_file_that_is_linked_exists() -> None:
+    targets = re.findall(r"\]\(([^)#:]+)\)", README)
+    assert len(targets) > 10
+    assert [target for target in targets if not (ROOT / target).exists()] == []

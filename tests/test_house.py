@@ -13,10 +13,10 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 import palletloc
+from palletloc import PalletLocError
 from palletloc.__main__ import COMMANDS, main
 from palletloc.cli.app import COMMANDS as OWN_COMMANDS
 from palletloc.cli.app import Command, run
-from palletloc.errors import PalletLocError
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("palletloc", "tracking", "calibration")
@@ -29,10 +29,6 @@ def own_files(*suffixes: str) -> list[Path]:
     found = [path for folder in folders for path in sorted((ROOT / folder).rglob("*"))]
     made = {"_build", "gallery", "api", "__pycache__"}
     return [path for path in found if path.suffix in suffixes and not made & set(path.parts)]
-
-
-def make_targets() -> set[str]:
-    return set(re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
 
 
 def shell_lines(page: Path) -> list[str]:
@@ -65,16 +61,10 @@ def succeeds() -> None:
 
 @pytest.fixture
 def commands(monkeypatch: pytest.MonkeyPatch) -> list[Command]:
-    module = sys.modules[__name__]
-    monkeypatch.setitem(sys.modules, "house_commands", module)
+    monkeypatch.setitem(sys.modules, "house_commands", sys.modules[__name__])
     functions = (refuses, cannot_read, is_interrupted, succeeds)
     rows = [Command(f.__name__.replace("_", "-"), f"house_commands:{f.__name__}", f.__doc__ or "") for f in functions]
     return [*rows, Command("absent", "palletloc.no_such_module:absent", "Not there.")]
-
-
-def palletloc_program(*arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "palletloc", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
 
 
 def test_no_file_has_more_than_350_lines() -> None:
@@ -109,11 +99,12 @@ def test_the_readme_sets_up_and_tests_as_the_makefile_does() -> None:
 
 
 def test_every_make_target_that_is_named_exists() -> None:
+    targets = set(re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
     target = re.compile(r"\bmake ([a-z]+)\b(?=[`\s]*(?:$|[`#,;.]| VENV))", re.MULTILINE)
     for page in ("README.md", "CONTRIBUTING.md", "docs/install.md", ".ci/run"):
         named = set(target.findall((ROOT / page).read_text()))
         assert named, page
-        assert named - make_targets() == set(), page
+        assert named - targets == set(), page
 
 
 def test_the_list_of_commands_says_what_the_commands_say_themselves() -> None:
@@ -124,14 +115,11 @@ def test_the_list_of_commands_says_what_the_commands_say_themselves() -> None:
         assert text.strip().splitlines()[0] == command.summary
 
 
-def test_bad_input_is_one_line_and_exit_code_1(commands: list[Command], capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["refuses"], commands) == 1
-    assert capsys.readouterr() == ("", "palletloc: shots.csv, line 3: 'time_s' is not a number\n")
-
-
-def test_a_file_that_cannot_be_read_is_one_line_that_names_it(
+def test_bad_input_and_an_unreadable_file_are_one_line_and_exit_code_1(
     commands: list[Command], capsys: pytest.CaptureFixture[str]
 ) -> None:
+    assert run(["refuses"], commands) == 1
+    assert capsys.readouterr() == ("", "palletloc: shots.csv, line 3: 'time_s' is not a number\n")
     assert run(["cannot-read"], commands) == 1
     assert capsys.readouterr().err == f"palletloc: {Path('no/such/file.csv')}: No such file or directory\n"
 
@@ -144,19 +132,14 @@ def test_verbose_adds_where_it_happened(
     assert [record.exc_info is not None for record in caplog.records] == [True]
 
 
-def test_an_interrupt_is_one_line_and_exit_code_130(
-    commands: list[Command], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_interrupt_is_one_line_and_code_130(commands: list[Command], capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["is-interrupted"], commands) == 130
     assert capsys.readouterr() == ("", "palletloc: interrupted\n")
 
 
-def test_wrong_usage_is_exit_code_2(commands: list[Command]) -> None:
+def test_wrong_usage_is_exit_code_2_and_success_0_and_needs_no_other_command(commands: list[Command]) -> None:
     for arguments in (["no-such-command"], ["--no-such-option"], ["succeeds", "more"], []):
         assert run(arguments, commands) == 2
-
-
-def test_success_is_exit_code_0_and_needs_no_other_command(commands: list[Command]) -> None:
     assert run(["succeeds"], commands) == 0
     assert run(["--help"], commands) == 0
 
@@ -195,7 +178,9 @@ def test_the_help_of_a_command_imports_nothing_that_the_command_works_with(name:
 
 
 def test_version_is_the_packages() -> None:
-    assert palletloc_program("--version").stdout == f"palletloc {palletloc.__version__}\n"
+    command = [sys.executable, "-m", "palletloc", "--version"]
+    ended = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT)
+    assert ended.stdout == f"palletloc {palletloc.__version__}\n"
 
 
 def test_the_constraints_hold_a_version_within_the_bounds_for_every_dependency() -> None:

@@ -1,7 +1,5 @@
 """Whether an installation works: short ways through all three packages, each to its end."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from importlib.resources import files
@@ -46,8 +44,7 @@ def test_recordings_are_evaluated_by_workers(tmp_path: Path) -> None:
         shutil.copytree(SAMPLE, tmp_path / "all" / name, ignore=shutil.ignore_patterns("images"))
         shutil.copytree(tmp_path / "run", tmp_path / "all" / name / "run")
     program(
-        *("evaluate", "--batch", tmp_path / "all", "--estimate", "run", "--workers", 2),
-        *("--out", tmp_path / "out"),
+        *("evaluate", "--batch", tmp_path / "all", "--estimate", "run", "--workers", 2), *("--out", tmp_path / "out")
     )
     assert (tmp_path / "out" / "batch.json").is_file()
 

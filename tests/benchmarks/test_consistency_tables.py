@@ -1,17 +1,16 @@
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
 import pytest
 
 from benchmarks.consistency_tables import FACTORS, class_table, factor_table
+from benchmarks.run_parts import between
 from benchmarks.scenes import draw_scene
 from benchmarks.tables import Section, Value
 from benchmarks.views import HeightClass, ShotViews, View
-from palletloc.choices import Method
+from palletloc import LevelPose, Method
 from palletloc.evaluation.pose_error import PalletEstimate, PoseError, TrueFace
-from palletloc.geometry import LevelPose
+from palletloc.evaluation.run_match import match_shot
 
 FULL, HALF = draw_scene(0), draw_scene(1)
 
@@ -50,20 +49,14 @@ def test_each_class_and_size_counts_its_own() -> None:
     assert len(table(shots).rows) == 4
 
 
-def test_errors_are_in_the_units_of_their_columns() -> None:
+def test_errors_have_their_columns_units_nees_its_percentiles_and_misses_nothing() -> None:
     floor = row(table([ShotViews(True, (view(1.0),), ())]), "floor")
     assert floor["yaw deg"] == pytest.approx((0.1, 0.1, 0.1))
     assert floor["depth mm"] == pytest.approx((10.0, 10.0, 10.0))
     assert floor["along mm"] == pytest.approx((20.0, 20.0, 20.0))
-
-
-def test_nees_is_given_as_mean_median_and_95_percent() -> None:
     views = tuple(view(float(nees)) for nees in range(101))
     nees = row(table([ShotViews(True, (*views, view(150.0)), ())]), "floor")["NEES"]
     assert nees == pytest.approx(((5050 + 150) / 102, 50.5, np.percentile([*range(101), 150], 95)))
-
-
-def test_what_is_not_found_has_no_errors() -> None:
     floor = row(table([ShotViews(True, (view(None),), ())]), "floor")
     assert (floor["recall"], floor["NEES"], floor["yaw deg"]) == (0.0, None, None)
 
@@ -86,3 +79,16 @@ def test_the_parts_of_a_factor_stand_in_their_order() -> None:
         views = [View(scene, face, HeightClass.FLOOR, 0.1, None, False) for scene in scenes]
         lows = [float(label.split()[0]) for label in sorted({FACTORS[factor](view) for view in views})]
         assert lows == sorted(lows)
+
+
+def test_parts_by_height_hold_each_pallet_once() -> None:
+    places = [LevelPose(2.0 * i, 2, z, 0) for i, z in enumerate((0.0, 1.2, 1.55, 2.4))]
+    faces = [TrueFace(str(i), "t11", pose, 2.0, 1.8 - pose.z, True) for i, pose in enumerate(places)]
+    found = [LevelPose(2.0 * i, 2 + 0.6 * (i == 1), z, 0) for i, z in enumerate((0.0, 1.2, 1.55))]
+    shot = match_shot(0.0, [PalletEstimate(0.0, "t11", pose, np.eye(4)) for pose in found], faces)
+    low, high = between(shot, 0.6, np.inf, 1.8), between(shot, -np.inf, 0.6, 1.8)
+    assert [error.face.id for error in low.errors] == ["0"]
+    assert [face.id for face in low.missed] == ["1"]
+    assert [error.face.id for error in high.errors] == ["2"]
+    assert [face.id for face in high.missed] == ["3"]
+    assert (len(low.false), len(high.false)) == (1, 0)

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import io
 from pathlib import Path
 
@@ -9,16 +7,15 @@ import pytest
 from matplotlib.figure import Figure
 from scipy.spatial.transform import RigidTransform
 
+from benchmarks.command import run
 from benchmarks.method_figure import method_figure
+from palletloc import LevelPose, PalletLocError, PalletMeasurement, Recording, ShelfPlane, load_library
 from palletloc.cameras import Equirectangular
 from palletloc.drawing.canvas import png, small_png
-from palletloc.errors import PalletLocError
-from palletloc.geometry import LevelPose, level_pose
-from palletloc.io.recording import Recording, ShotFile
+from palletloc.geometry import level_pose
+from palletloc.io.recording import ShotFile
 from palletloc.io.truth import TruePallet, Truth
-from palletloc.measurement import PalletMeasurement, YawSource
-from palletloc.pallet_library import load_library
-from palletloc.shelf import ShelfPlane
+from palletloc.measurement import YawSource
 from palletloc.trajectory import Trajectory
 
 TIMES = (0.0, 1.0, 2.0)
@@ -70,8 +67,7 @@ def test_errors_stand_at_their_shots_pallets_far_below_apart(recording: Recordin
 
 def test_the_table_says_what_was_found_and_how_well(recording: Recording) -> None:
     runs = {"good": [measured(time, 0.002, 0.001) for time in TIMES], "blind": []}
-    figure = method_figure(recording, TRUTH, runs)
-    cells = [text.get_text() for text in figure.axes[2].texts]
+    cells = [text.get_text() for text in method_figure(recording, TRUTH, runs).axes[2].texts]
     assert cells.count("3 of 3") == 1
     assert cells.count("0 of 3") == 1
     assert f"{np.degrees(0.001):.2f} / {np.degrees(0.001):.2f}" in cells
@@ -91,12 +87,9 @@ def test_texts_of_the_table_do_not_cover_each_other(recording: Recording) -> Non
         assert not any(box.overlaps(other) for i, box in enumerate(boxes) for other in boxes[:i])
 
 
-def test_pallets_at_one_height_only_fill_the_page(recording: Recording) -> None:
+def test_one_height_only_fills_the_page_and_an_error_of_nothing_is_drawn_at_the_border(recording: Recording) -> None:
     figure = method_figure(recording, Truth(FORKLIFT, (LOW,)), {"a": [measured(0.0, 0.01, 0.01)]})
     assert sum(axes.get_yscale() == "log" for axes in figure.axes) == 2
-
-
-def test_an_error_of_nothing_is_drawn_at_the_border(recording: Recording) -> None:
     figure = method_figure(recording, TRUTH, {"a": [measured(0.0, 0.0, 0.0)]})
     assert all(np.isfinite(line).all() and (line[:, 1] > 0).all() for line in drawn(figure, "#0072b2")[0])
 
@@ -123,3 +116,10 @@ def test_no_method_and_a_foreign_truth_are_refused(recording: Recording) -> None
     short = Trajectory(np.array(TIMES[:2]), np.array([1.0, 1.3]), np.full(2, 0.2), np.full(2, 0.3))
     with pytest.raises(PalletLocError, match="no truth for the shot at 2 s"):
         method_figure(recording, Truth(short, (LOW,)), {"a": []})
+
+
+def test_a_figure_belongs_to_the_accuracy(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ending:
+        run(["--figure", str(tmp_path)])
+    assert ending.value.code == 2
+    assert "--figure needs --accuracy" in capsys.readouterr().err

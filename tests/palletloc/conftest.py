@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
@@ -10,15 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from palletloc import LevelPose, Localizer, LocalizerConfig, Method, Mounting, Opening, PalletModel, Shot
 from palletloc.cameras import CameraModel, Equirectangular, Pinhole
-from palletloc.choices import Method
-from palletloc.config import LocalizerConfig
-from palletloc.geometry import FloatArray, LevelPose
-from palletloc.localizer import Localizer
-from palletloc.mounting import Mounting
-from palletloc.pallet import Opening, PalletModel
+from palletloc.geometry import FloatArray
 from palletloc.plane import PlaneGrid, PlaneView
-from palletloc.shot import Shot
 from palletloc.synthetic.materials import CARTONS, CEILING, CONCRETES, PAINTS, PLASTERS, PLASTICS, WOODS
 from palletloc.synthetic.pallet_solid import PalletBody
 from palletloc.synthetic.placing import standing
@@ -26,6 +19,7 @@ from palletloc.synthetic.rays import CameraRays, camera_rays
 from palletloc.synthetic.rendering import lit, render
 from palletloc.synthetic.rig import Sensor, expose
 from palletloc.synthetic.scene import Light, Room, Scene, Solid
+from tests.palletloc.poses import POSE, Pallets, Photograph, Portrait
 
 RECORDING = """\
 format: 1
@@ -50,8 +44,6 @@ LAMPS = Light(
 )
 INTO = np.pi / 2
 """Heading into a shelf on the left."""
-Placed = tuple[PalletModel, LevelPose]
-"""A pallet where it stands in the forklift frame."""
 
 
 @pytest.fixture
@@ -80,6 +72,15 @@ def pallet_file(tmp_path: Path) -> Callable[[str | bytes], Path]:
 
 
 @pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """Return the folder of recordings that may lie beside the repository."""
+    data = Path(__file__).resolve().parents[2].parent / "shared" / "data"
+    if not data.is_dir():
+        pytest.skip("the shared recordings are not here")
+    return data
+
+
+@pytest.fixture(scope="session")
 def epal() -> PalletModel:
     """Return a wooden face, closed below, with edges that are hardly rounded."""
     openings = tuple(Opening(center, 0.022, 0.3825, 0.1) for center in (-0.26375, 0.26375))
@@ -105,6 +106,12 @@ def model(request: pytest.FixtureRequest) -> PalletModel:
     """Return each of the three in turn: closed below, rounded, and open below."""
     found: PalletModel = request.getfixturevalue(request.param)
     return found
+
+
+@pytest.fixture(scope="session")
+def models(epal: PalletModel, t11: PalletModel, open_below: PalletModel) -> tuple[PalletModel, ...]:
+    """Return all three."""
+    return (epal, t11, open_below)
 
 
 @pytest.fixture(scope="session")
@@ -150,11 +157,7 @@ def photograph() -> Callable[..., Shot]:
 
     @cache
     def taken(
-        pallets: tuple[Placed, ...],
-        camera: CameraModel,
-        mounting: tuple[float, ...],
-        loaded: bool = True,
-        seed: int = 0,
+        pallets: Pallets, camera: CameraModel, mounting: tuple[float, ...], loaded: bool = True, seed: int = 0
     ) -> Shot:
         solids = tuple(solid for model, pose in pallets for solid in _around(model, pose, loaded))
         if camera not in kept:
@@ -171,14 +174,11 @@ def photograph() -> Callable[..., Shot]:
 
 
 @pytest.fixture(scope="session")
-def portrait(photograph: Callable[..., Shot], narrow_view: CameraModel) -> Callable[..., Shot]:
+def portrait(photograph: Photograph, narrow_view: CameraModel) -> Callable[..., Shot]:
     """Return a function that takes a picture of one pallet with a small camera aimed at it."""
 
     def aimed(
-        model: PalletModel,
-        pose: LevelPose,
-        center: tuple[float, float, float] = (0.3, -0.08, 1.85),
-        seed: int = 0,
+        model: PalletModel, pose: LevelPose, center: tuple[float, float, float] = (0.3, -0.08, 1.85), seed: int = 0
     ) -> Shot:
         x, y, z = np.array([pose.x, pose.y, pose.z + model.height / 2]) - center
         aim = np.degrees([np.arctan2(y, x), np.arctan2(-z, np.hypot(x, y))])
@@ -187,8 +187,22 @@ def portrait(photograph: Callable[..., Shot], narrow_view: CameraModel) -> Calla
     return aimed
 
 
+@pytest.fixture(params=[22.0, -22.0])
+def cut_shot(
+    request: pytest.FixtureRequest,
+    photograph: Photograph,
+    portrait: Portrait,
+    narrow_view: CameraModel,
+    t11: PalletModel,
+) -> Shot:
+    """Return a picture whose border cuts the pallet at `POSE`."""
+    straight = portrait(t11, POSE).mounting.forklift_from_camera
+    yaw, pitch, roll = straight.rotation.as_euler("ZYX", degrees=True).tolist()
+    return photograph(((t11, POSE),), narrow_view, (*straight.translation, yaw + request.param, pitch, roll))
+
+
 @pytest.fixture(scope="session")
-def floor_pallets(open_below: PalletModel, t11: PalletModel) -> tuple[Placed, ...]:
+def floor_pallets(open_below: PalletModel, t11: PalletModel) -> Pallets:
     """Return two pallets on the floor to the left, each a little turned."""
     return (
         (open_below, LevelPose(0.6, 2.0, 0.0, INTO + np.radians(1.5))),
@@ -197,13 +211,13 @@ def floor_pallets(open_below: PalletModel, t11: PalletModel) -> tuple[Placed, ..
 
 
 @pytest.fixture(scope="session")
-def floor_shot(photograph: Callable[..., Shot], floor_pallets: tuple[Placed, ...], whole_view: CameraModel) -> Shot:
+def floor_shot(photograph: Photograph, floor_pallets: Pallets, whole_view: CameraModel) -> Shot:
     """Return a 360-degree shot of the pallets on the floor."""
     return photograph(floor_pallets, whole_view, (0.3, -0.08, 1.85, -1.2, 0.9, -0.7))
 
 
 @pytest.fixture(scope="session")
-def floor_localizer(floor_pallets: tuple[Placed, ...]) -> Callable[..., Localizer]:
+def floor_localizer(floor_pallets: Pallets) -> Callable[..., Localizer]:
     """Return a function that makes a localizer for the pallets of `floor_shot`."""
 
     def made(
@@ -217,7 +231,7 @@ def floor_localizer(floor_pallets: tuple[Placed, ...]) -> Callable[..., Localize
 
 
 @pytest.fixture(scope="session")
-def rack_pallets(t11: PalletModel) -> tuple[Placed, ...]:
+def rack_pallets(t11: PalletModel) -> Pallets:
     """Return a pallet on the floor, one level with the camera of `rack_shot`, and one above it."""
     return (
         (t11, LevelPose(-0.4, 2.0, 0.0, INTO + np.radians(1.0))),
@@ -227,7 +241,7 @@ def rack_pallets(t11: PalletModel) -> tuple[Placed, ...]:
 
 
 @pytest.fixture(scope="session")
-def rack_shot(photograph: Callable[..., Shot], rack_pallets: tuple[Placed, ...], whole_view: CameraModel) -> Shot:
+def rack_shot(photograph: Photograph, rack_pallets: Pallets, whole_view: CameraModel) -> Shot:
     """Return a 360-degree shot from a camera 1.3 m above the floor."""
     return photograph(rack_pallets, whole_view, (0.1, 0.0, 1.3, 0.5, -0.4, 0.6))
 

@@ -1,33 +1,23 @@
 """The methods to compare with: the chain on planes, and the paper's as they are written."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from palletloc import Candidate, Fit, LevelPose, LocalizerConfig, PalletModel, Refusal, Shot
 from palletloc.baselines import measure_as_in_paper, measure_jointly, measure_on_planes, nearest_line
-from palletloc.cameras import CameraModel
-from palletloc.candidate import Candidate, Fit, Refusal, last_step, steps_of
-from palletloc.config import LocalizerConfig
-from palletloc.geometry import FloatArray, LevelPose
+from palletloc.candidate import last_step, steps_of
 from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
-from palletloc.pallet import PalletModel
 from palletloc.paper.boundary import BoundaryLine
 from palletloc.paper.horizontal_view import BoundaryMethod, HorizontalView, horizontal_source
 from palletloc.paper.joint_search import JointSearch, JointSearchConfig
 from palletloc.paper.position import Sweep
 from palletloc.paper.yaw import YawEstimate
 from palletloc.rivals import Measure
-from palletloc.shot import Shot
+from tests.palletloc.poses import FLOOR, POSE, Pallets, Portrait, blanked, fit_of, found
 
-POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
-FLOOR = HeightPrior(0.0, 0.003)
 CONFIG = replace(LocalizerConfig(), joint_search=JointSearchConfig(turns=9, depths=9))
-Portrait = Callable[..., Shot]
-Placed = tuple[PalletModel, LevelPose]
 COARSE = pytest.mark.parametrize("measure", [measure_as_in_paper, measure_jointly], ids=["paper", "joint_search"])
 ALL = pytest.mark.parametrize(
     "measure", [measure_on_planes, measure_as_in_paper, measure_jointly], ids=["planes", "paper", "joint_search"]
@@ -45,50 +35,21 @@ def measured(
     return measure(shot, Candidate(model, start, height), config)
 
 
-def on_planes(shot: Shot, model: PalletModel, start: LevelPose = POSE, height: HeightPrior | None = FLOOR) -> Fit:
-    fit = measured(measure_on_planes, shot, model, start, height).fit
-    assert fit is not None
-    return fit
-
-
-def found(outcome: Fit | Refusal) -> Fit:
-    assert isinstance(outcome, Fit)
-    return outcome
-
-
 # All of them.
 
 
 @ALL
 def test_nothing_is_measured_in_a_plain_image(measure: Measure, portrait: Portrait, t11: PalletModel) -> None:
-    shot = portrait(t11, POSE)
-    outcome = measured(measure, replace(shot, image=np.full_like(shot.image, 90)), t11)
+    outcome = measured(measure, blanked(portrait(t11, POSE)), t11)
     assert isinstance(outcome, Refusal)
     assert outcome.fit is None
-
-
-@ALL
-@pytest.mark.parametrize(
-    ("start", "reason"),
-    [
-        (replace(POSE, yaw=-np.pi / 2), Reason.BEHIND_FACE),
-        (LevelPose(0.3, 0.0, 0.0, np.pi / 2), Reason.BEHIND_FACE),
-        (replace(POSE, y=30.0), Reason.OUT_OF_RANGE),
-    ],
-)
-def test_a_start_from_which_nothing_can_be_seen_is_refused(
-    measure: Measure, start: LevelPose, reason: Reason, portrait: Portrait, t11: PalletModel
-) -> None:
-    outcome = measured(measure, portrait(t11, POSE), t11, start, None)
-    assert isinstance(outcome, Refusal)
-    assert (outcome.stage, outcome.reason, outcome.fit) == (Stage.START, reason, None)
 
 
 # On planes: yaw, position, yaw again, edges.
 
 
 @pytest.mark.parametrize("height", [FLOOR, None], ids=["level", "free"])
-def test_a_pallet_on_the_floor_is_measured_as_well_as_its_covariance_says(
+def test_a_pose_on_the_floor_is_as_right_as_it_says(
     model: PalletModel, height: HeightPrior | None, portrait: Portrait
 ) -> None:
     start = LevelPose(POSE.x + 0.03, POSE.y + 0.02, 0.0, POSE.yaw - 0.03)
@@ -104,22 +65,19 @@ def test_every_step_leaves_its_result(portrait: Portrait, t11: PalletModel) -> N
     fit = found(measured(measure_on_planes, portrait(t11, POSE), t11, start))
     assert steps_of(fit, BoundaryLine)
     assert len(steps_of(fit, HorizontalView)) >= 2
-    assert len(steps_of(fit, Sweep)) == len(steps_of(fit, YawEstimate)) == 1
+    assert len(steps_of(fit, Sweep)) == 1
     assert fit.face is not None
     assert fit.evidence is not None
     assert fit.prior is not None
     assert fit.prior.yaw is not None
     assert fit.pose == fit.face.forklift_from_pallet
-    estimate = last_step(fit, YawEstimate)
-    assert estimate is not None
+    (estimate,) = steps_of(fit, YawEstimate)
     assert fit.yaw_from is estimate.source
     assert fit.prior.yaw.sigma == estimate.sigma
 
 
 @pytest.mark.parametrize("max_doubt", [CONFIG.face_fit.max_doubt, -1e6], ids=["certain", "never_certain"])
-def test_the_last_horizontal_view_is_the_one_that_gave_the_yaw(
-    max_doubt: float, floor_shot: Shot, floor_pallets: tuple[Placed, ...]
-) -> None:
+def test_the_last_view_gave_the_yaw(max_doubt: float, floor_shot: Shot, floor_pallets: Pallets) -> None:
     config = replace(CONFIG, face_fit=replace(CONFIG.face_fit, max_doubt=max_doubt))
     for model, pose in floor_pallets:
         start = replace(pose, x=pose.x + 0.05)
@@ -136,18 +94,17 @@ def test_the_last_horizontal_view_is_the_one_that_gave_the_yaw(
 
 @pytest.mark.parametrize("turn_deg", [-4.0, -2.0, 2.0, 4.0])
 @pytest.mark.parametrize("slide", [-0.05, 0.05])
-def test_any_start_near_the_pallet_leads_to_the_same_pose(
-    turn_deg: float, slide: float, portrait: Portrait, t11: PalletModel
-) -> None:
+def test_near_starts_lead_to_one_pose(turn_deg: float, slide: float, portrait: Portrait, t11: PalletModel) -> None:
     shot = portrait(t11, POSE)
     x, y = np.array([POSE.x, POSE.y]) + slide * np.array([np.cos(POSE.yaw), np.sin(POSE.yaw)])
     start = LevelPose(float(x), float(y), 0.0, POSE.yaw + np.radians(turn_deg))
-    apart = on_planes(shot, t11, start).pose.minus(on_planes(shot, t11).pose)
+    there, here = (fit_of(measured(measure_on_planes, shot, t11, pose)).pose for pose in (start, POSE))
+    apart = there.minus(here)
     assert np.abs(apart[:3]).max() < 0.003
     assert abs(apart[3]) < np.radians(0.15)
 
 
-def test_the_height_chooses_where_the_yaw_comes_from(rack_shot: Shot, rack_pallets: tuple[Placed, ...]) -> None:
+def test_the_height_chooses_where_the_yaw_comes_from(rack_shot: Shot, rack_pallets: Pallets) -> None:
     expected = [YawSource.BOTTOM, YawSource.FACE, YawSource.TOP]
     sigmas = []
     for (model, pose), source in zip(rack_pallets, expected, strict=True):
@@ -163,20 +120,10 @@ def test_the_height_chooses_where_the_yaw_comes_from(rack_shot: Shot, rack_palle
     assert sigmas[1] > 1.5 * sigmas[0]  # near the camera's height the yaw is weak
 
 
-@pytest.mark.parametrize("aside_deg", [22.0, -22.0])
-def test_a_face_cut_by_the_images_border_is_refused(
-    aside_deg: float,
-    portrait: Portrait,
-    photograph: Callable[..., Shot],
-    narrow_view: CameraModel,
-    t11: PalletModel,
-) -> None:
-    straight = portrait(t11, POSE).mounting.forklift_from_camera
-    yaw, pitch, roll = straight.rotation.as_euler("ZYX", degrees=True).tolist()
-    shot = photograph(((t11, POSE),), narrow_view, (*straight.translation, yaw + aside_deg, pitch, roll))
+def test_a_face_cut_by_the_images_border_is_refused(cut_shot: Shot, t11: PalletModel) -> None:
     corners = POSE.transform().apply([[0.0, side * t11.width / 2, 0.0] for side in (-1, 1)])
-    assert shot.project(corners).valid.sum() == 1
-    outcome = measured(measure_on_planes, shot, t11)
+    assert cut_shot.project(corners).valid.sum() == 1
+    outcome = measured(measure_on_planes, cut_shot, t11)
     assert isinstance(outcome, Refusal)
     assert outcome.reason is Reason.OUT_OF_VIEW
 
@@ -195,11 +142,8 @@ def test_the_nearest_of_the_long_lines_is_taken() -> None:
 
 
 @COARSE
-@pytest.mark.parametrize("name", ["epal", "t11"])
-def test_a_pallet_is_measured_as_coarsely_as_the_method_can(
-    measure: Measure, name: str, portrait: Portrait, request: pytest.FixtureRequest
-) -> None:
-    model: PalletModel = request.getfixturevalue(name)
+@pytest.mark.parametrize("model", ["epal", "t11"], indirect=True)
+def test_it_measures_as_coarsely_as_the_method_can(measure: Measure, model: PalletModel, portrait: Portrait) -> None:
     shot = portrait(model, POSE)
     fit = found(measured(measure, shot, model, replace(POSE, yaw=POSE.yaw + np.radians(2.0))))
     assert np.hypot(fit.pose.x - POSE.x, fit.pose.y - POSE.y) < 0.08
@@ -207,27 +151,23 @@ def test_a_pallet_is_measured_as_coarsely_as_the_method_can(
     assert abs(fit.pose.yaw - POSE.yaw) < np.radians(3.0)
     assert 0.0 < fit.rank <= 1.0
     assert (fit.face, fit.prior, fit.evidence) == (None, None, None)
-    assert_longest_along_the_ray(fit.covariance, shot)
-
-
-def assert_longest_along_the_ray(covariance: FloatArray, shot: Shot) -> None:
-    np.testing.assert_allclose(covariance, covariance.T)
-    assert np.linalg.eigvalsh(covariance).min() > 0
+    np.testing.assert_allclose(fit.covariance, fit.covariance.T)
+    assert np.linalg.eigvalsh(fit.covariance).min() > 0
     ray = POSE.as_array()[:3] - shot.mounting.center
-    _, axes = np.linalg.eigh(covariance[:3, :3])
+    _, axes = np.linalg.eigh(fit.covariance[:3, :3])
     assert abs(axes[:, -1] @ ray) > 0.9 * np.linalg.norm(ray)
 
 
-def test_the_paper_has_no_answer_for_a_pallet_level_with_the_camera(
-    rack_shot: Shot, rack_pallets: tuple[Placed, ...]
-) -> None:
+def test_the_paper_has_no_answer_for_a_pallet_level_with_the_camera(rack_shot: Shot, rack_pallets: Pallets) -> None:
     model, level = rack_pallets[1]
     outcome = measured(measure_as_in_paper, rack_shot, model, level)
     assert isinstance(outcome, Refusal)
     assert (outcome.stage, outcome.reason, outcome.fit) == (Stage.YAW, Reason.NO_LINE, None)
 
 
-def test_the_papers_yaw_is_houghs_angle(portrait: Portrait, t11: PalletModel) -> None:
+def test_the_papers_yaw_is_houghs_angle_and_its_sweep_has_no_height_prior(
+    portrait: Portrait, t11: PalletModel
+) -> None:
     fit = found(measured(measure_as_in_paper, portrait(t11, POSE), t11, replace(POSE, yaw=POSE.yaw + 0.03)))
     assert len(steps_of(fit, HorizontalView)) == 2
     assert len(steps_of(fit, BoundaryLine)) == 1
@@ -235,9 +175,6 @@ def test_the_papers_yaw_is_houghs_angle(portrait: Portrait, t11: PalletModel) ->
     assert fit.yaw_from is YawSource.BOTTOM
     steps = np.degrees(fit.pose.yaw - POSE.yaw - 0.03) / CONFIG.yaw.hough_step_deg
     assert steps == pytest.approx(round(steps), abs=1e-6)
-
-
-def test_the_papers_sweep_has_no_height_prior(portrait: Portrait, t11: PalletModel) -> None:
     shot = portrait(t11, POSE)
     known, free = (found(measured(measure_as_in_paper, shot, t11, POSE, height)) for height in (FLOOR, None))
     assert known.pose == free.pose

@@ -1,7 +1,5 @@
 """Fits from several starts: which are tried, which is kept, and what the others leave in doubt."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
@@ -9,37 +7,28 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palletloc import fitting
+from palletloc import Candidate, Fit, LevelPose, LocalizerConfig, PalletModel, Refusal, Shot, fitting
 from palletloc.cameras import Pinhole
-from palletloc.candidate import Candidate, Fit, Refusal
-from palletloc.config import LocalizerConfig
 from palletloc.fitting import FitStart, fit_from_starts
-from palletloc.geometry import LevelPose
 from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
-from palletloc.pallet import PalletModel
 from palletloc.refinement.face_fit import FaceEstimate, fit_face
 from palletloc.refinement.level_lines import LevelYaw
 from palletloc.refinement.patch import FacePatch, view_patch
-from palletloc.shot import Shot
+from tests.palletloc.poses import CONFIG, FLOOR, Outcome, Photograph, fit_of
 
-FLOOR = HeightPrior(0.0, 0.003)
-CONFIG = LocalizerConfig()
 CERTAIN = replace(CONFIG, face_fit=replace(CONFIG.face_fit, max_doubt=4.0))
 """The first fit of a pallet leaves no doubt."""
 NEVER_CERTAIN = replace(
-    CONFIG,
-    face_fit=replace(CONFIG.face_fit, max_doubt=-0.5),
-    verification=replace(CONFIG.verification, certain=2.0),
+    CONFIG, face_fit=replace(CONFIG.face_fit, max_doubt=-0.5), verification=replace(CONFIG.verification, certain=2.0)
 )
 """Every start is tried."""
 LEFT, RIGHT = LevelPose(0.2, 2.0, 0.0, np.pi / 2 + 0.02), LevelPose(1.7, 2.02, 0.0, np.pi / 2 - 0.015)
 CENTER = (0.9, -0.4, 1.6)
 Starts = list[tuple[LevelPose, FacePatch]]
-Outcome = Fit | Refusal
 
 
 @pytest.fixture(scope="module")
-def pair(photograph: Callable[..., Shot], t11: PalletModel) -> Shot:
+def pair(photograph: Photograph, t11: PalletModel) -> Shot:
     """Return a picture of two pallets that are alike, side by side."""
     camera = Pinhole(1400, 420, 860.0, 860.0, 699.5, 209.5)
     return photograph(((t11, LEFT), (t11, RIGHT)), camera, (*CENTER, 90.0, 31.5, 0.5))
@@ -85,24 +74,15 @@ def tried(
     return called, kept(shot, model, poses, weak, height, config, prepare)
 
 
-def fit_of(outcome: Outcome) -> Fit:
-    """Return what was measured, whether it was given up or not."""
-    assert outcome.fit is not None
-    return outcome.fit
-
-
 def near(outcome: Outcome, truth: LevelPose) -> bool:
     """Tell whether something was measured within some centimetres of a pose."""
     return outcome.fit is not None and bool(np.abs(outcome.fit.pose.minus(truth)).max() < 0.03)
 
 
-def test_no_start_is_refused(pair: Shot, t11: PalletModel) -> None:
+def test_neither_no_start_nor_one_that_shows_no_pallet_at_a_glance_is_fitted(pair: Shot, t11: PalletModel) -> None:
     found = kept(pair, t11, [])
     assert isinstance(found, Refusal)
     assert (found.stage, found.reason, found.fit) == (Stage.VERIFICATION, Reason.LOW_CONTRAST, None)
-
-
-def test_starts_that_show_no_pallet_at_a_glance_are_not_fitted(pair: Shot, t11: PalletModel) -> None:
     nowhere = [LevelPose(0.9, 1.6, 0.0, np.pi / 2), LevelPose(0.9, 2.4, 0.0, np.pi / 2)]
     plain = replace(pair, image=np.full_like(pair.image, 90))
     called, found = tried(plain, t11, [*nowhere, LEFT], False)
@@ -233,9 +213,7 @@ def test_a_pallet_off_its_level_is_refused(off: float, pair: Shot, t11: PalletMo
 
 
 @pytest.mark.parametrize("off", [-0.04, -0.03, -0.02, 0.02, 0.03, 0.04])
-def test_a_pallet_a_little_off_its_level_is_nearly_right_or_says_how_wrong_it_is(
-    off: float, pair: Shot, t11: PalletModel
-) -> None:
+def test_a_bit_off_its_level_a_pose_is_nearly_right_or_says_so(off: float, pair: Shot, t11: PalletModel) -> None:
     found = kept(pair, t11, [LEFT], height=HeightPrior(off, 0.003))
     if isinstance(found, Fit):
         error = found.pose.minus(LEFT)

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,14 +10,8 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palletloc.errors import PalletLocError
-from palletloc.pallet import Opening, PalletModel
-from palletloc.pallet_library import (
-    find_models,
-    format_pallets,
-    load_library,
-    read_pallets,
-)
+from palletloc import Opening, PalletLocError, PalletModel, find_models, load_library
+from palletloc.pallet_library import format_pallets, read_pallets
 
 ROOT = Path(__file__).resolve().parents[2]
 SHARED = ROOT.parent / "shared/data"
@@ -55,25 +47,27 @@ def test_the_800_face_of_an_epal_1_is_open_at_the_floor() -> None:
     assert levels == {(0.0, 0.1, True)}
 
 
-def test_both_faces_of_an_epal_1_have_the_published_blocks_behind_them() -> None:
+def test_each_face_of_an_epal_1_has_the_published_blocks_behind_it_those_of_the_other() -> None:
     blocks = {"epal1-1200": [100, 227.5, 145, 227.5, 100], "epal1-800": [145, 382.5, 145, 382.5, 145]}
     for name, chain in blocks.items():
         cuts = [cut for row in LIBRARY[name].block_rows for cut in row]
         assert [round((back - front) * 1000, 1) for front, back in pairwise(cuts)] == chain
         assert cuts[-1] == LIBRARY[name].depth
-
-
-def test_the_rows_behind_one_face_are_the_blocks_of_the_other() -> None:
     for name, other in (("epal1-1200", "epal1-800"), ("epal1-800", "epal1-1200")):
         half = LIBRARY[other].width / 2
-        blocks = [(left + half, right + half) for left, right in LIBRARY[other].blocks]
-        assert np.allclose(LIBRARY[name].block_rows, blocks)
+        assert np.allclose(
+            LIBRARY[name].block_rows, [(left + half, right + half) for left, right in LIBRARY[other].blocks]
+        )
 
 
-def test_a_t11_has_the_levels_of_the_standard() -> None:
+def test_a_t11_and_a_gma_pallet_have_the_levels_of_their_standards() -> None:
     model = LIBRARY["t11"]
     assert (model.width, model.height, model.depth) == (1.1, 0.144, 1.1)
     assert {(opening.bottom, opening.height) for opening in model.openings} == {(0.022, 0.1)}
+    inch, model = 0.0254, LIBRARY["gma-1016"]
+    assert [right - left for left, right in model.blocks] == pytest.approx([1.375 * inch] * 3, abs=2e-4)
+    assert model.height == pytest.approx((3.5 + 2 * 0.625) * inch, abs=2e-4)
+    assert [opening.height for opening in model.openings] == pytest.approx([3.5 * inch] * 2, abs=2e-4)
 
 
 @pytest.mark.parametrize(("name", "window"), [("chep-us-1219", (370, 90)), ("chep-us-1016", (318, 106))])
@@ -82,20 +76,11 @@ def test_the_windows_of_a_chep_pallet_are_as_published(name: str, window: tuple[
     assert sizes == {window}
 
 
-def test_a_gma_pallet_is_three_stringers_between_two_decks() -> None:
-    inch, model = 0.0254, LIBRARY["gma-1016"]
-    assert [right - left for left, right in model.blocks] == pytest.approx([1.375 * inch] * 3, abs=2e-4)
-    assert model.height == pytest.approx((3.5 + 2 * 0.625) * inch, abs=2e-4)
-    assert [opening.height for opening in model.openings] == pytest.approx([3.5 * inch] * 2, abs=2e-4)
-
-
 def test_the_example_is_the_pallet_of_the_recordings() -> None:
     path = SHARED / "dev_lab/pallets.yaml"
     if not path.is_file():
         pytest.skip("the recordings are not here")
-    measured = read_pallets(path)["t11-plastic"]
-    known = LIBRARY["t11-plastic"]
-    assert replace(known, source="", note="") == measured
+    assert replace(LIBRARY["t11-plastic"], source="", note="") == read_pallets(path)["t11-plastic"]
 
 
 def test_every_face_is_the_same_from_left_and_right() -> None:
@@ -119,8 +104,8 @@ def test_the_two_faces_of_a_pallet_fit_together() -> None:
             faces.setdefault(name.rpartition("-")[0], []).append(model)
     pairs = [pair for pair in faces.values() if len(pair) == 2]
     assert len(pairs) >= 5
-    for one, other in pairs:
-        assert (one.width, one.depth, one.height) == (other.depth, other.width, other.height)
+    for face, other in pairs:
+        assert (face.width, face.depth, face.height) == (other.depth, other.width, other.height)
 
 
 def test_the_page_lists_every_model_with_its_status() -> None:
@@ -144,16 +129,10 @@ def test_a_caller_may_change_what_it_was_given() -> None:
 # Finding models by name.
 
 
-def test_models_come_in_the_order_of_the_names() -> None:
+def test_models_come_once_in_the_order_of_the_names_and_the_users_first() -> None:
     names = ["t11", "epal1-800", "cp9"]
     assert [model.name for model in find_models(names, {})] == names
-
-
-def test_a_repeated_name_gives_one_model() -> None:
     assert find_models(["t11", "cp9", "t11"], {}) == (LIBRARY["t11"], LIBRARY["cp9"])
-
-
-def test_the_users_models_come_first() -> None:
     mine = replace(LIBRARY["cp9"], name="t11")
     assert find_models(["t11"], {"t11": mine}) == (mine,)
     assert find_models(["t11"], {}) == (LIBRARY["t11"],)
@@ -169,33 +148,32 @@ def test_an_unknown_name_gives_the_nearest(name: str, nearest: str) -> None:
 # The form of the file.
 
 
-def test_left_out_keys_have_defaults(pallet_file: Callable[[str], Path]) -> None:
+def test_left_out_keys_have_defaults(pallet_file: Callable[[str | bytes], Path]) -> None:
     opening = Opening(center=0.1, bottom=0.02, width=0.3, height=0.1)
     expected = PalletModel("mine", width=1.1, height=0.144, depth=0.9, openings=(opening,))
     assert read_pallets(pallet_file(GOOD)) == {"mine": expected}
 
 
-def test_a_path_may_be_text(pallet_file: Callable[[str], Path]) -> None:
+def test_a_path_may_be_text_and_a_byte_order_mark_is_no_part_of_it(
+    pallet_file: Callable[[str | bytes], Path],
+) -> None:
     assert list(read_pallets(str(pallet_file(GOOD)))) == ["mine"]
+    assert list(read_pallets(pallet_file(b"\xef\xbb\xbf" + GOOD.encode()))) == ["mine"]
 
 
-def test_pockets_are_openings_beside_the_middle_block(pallet_file: Callable[[str], Path]) -> None:
+def test_pockets_are_openings_beside_the_middle_block(pallet_file: Callable[[str | bytes], Path]) -> None:
     model = read_pallets(pallet_file(f"mine: {{{FACE}, parametric: {POCKETS}}}"))["mine"]
     assert model.openings == (Opening(-0.25, 0.0, 0.3, 0.1), Opening(0.25, 0.0, 0.3, 0.1))
     assert millimetres(model) == [150, 300, 200, 300, 150]
 
 
-def test_a_byte_order_mark_is_no_part_of_the_text(pallet_file: Callable[[bytes], Path]) -> None:
-    assert list(read_pallets(pallet_file(b"\xef\xbb\xbf" + GOOD.encode()))) == ["mine"]
-
-
 @pytest.mark.parametrize("number", ["9e-1", "0.9", ".9", "+0.9"])
-def test_a_number_is_a_number_however_it_is_written(pallet_file: Callable[[str], Path], number: str) -> None:
+def test_a_number_is_a_number_however_it_is_written(pallet_file: Callable[[str | bytes], Path], number: str) -> None:
     content = GOOD.replace("depth_m: 0.9", f"depth_m: {number}")
     assert read_pallets(pallet_file(content))["mine"].depth == 0.9
 
 
-def test_an_anchor_repeats_a_value(pallet_file: Callable[[str], Path]) -> None:
+def test_an_anchor_repeats_a_value(pallet_file: Callable[[str | bytes], Path]) -> None:
     text = f"one: &one {{{FACE}, openings: [{OPENING}]}}\ntwo: {{<<: *one, depth_m: 2}}\n"
     models = read_pallets(pallet_file(text))
     assert replace(models["one"], name="two", depth=2.0) == models["two"]
@@ -240,11 +218,10 @@ def test_what_is_written_is_read_back_unchanged(model: PalletModel, tmp_path_fac
     assert read_pallets(path) == {model.name: model}
 
 
-def test_the_library_is_written_and_read_back(pallet_file: Callable[[str], Path]) -> None:
+def test_the_library_is_written_in_the_contracts_form_and_read_back(
+    pallet_file: Callable[[str | bytes], Path],
+) -> None:
     assert read_pallets(pallet_file(format_pallets(LIBRARY.values()))) == LIBRARY
-
-
-def test_what_is_written_is_the_contracts_form() -> None:
     written = yaml.safe_load(format_pallets([LIBRARY["t11-plastic"]]))["t11-plastic"]
     assert {"width_m", "height_m", "depth_m", "corner_radius_m", "edge_radius_m", "openings"} <= set(written)
     assert set(written["openings"][0]) == {"center_m", "bottom_m", "width_m", "height_m", "radius_m"}

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import gc
 from collections.abc import Sequence
 from pathlib import Path
@@ -7,10 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palletloc.candidate import Candidate, Fit, Refusal
-from palletloc.choices import Method
-from palletloc.config import LocalizerConfig
-from palletloc.geometry import LevelPose
+from palletloc import Candidate, Explanation, Fit, LevelPose, Localizer, LocalizerConfig, Method, Refusal, Shot
 from palletloc.io.atomic import OutputError
 from palletloc.io.csv_table import TableError
 from palletloc.io.images import ImageError
@@ -18,11 +13,9 @@ from palletloc.io.measurements import NoPose
 from palletloc.io.recording import ShotError
 from palletloc.io.run_folder import Run, RunFolder
 from palletloc.io.yaml_document import DocumentError
-from palletloc.localizer import Explanation, Localizer
 from palletloc.measurement import PalletMeasurement, Reason, Stage, YawSource
 from palletloc.prior import PriorConfig
 from palletloc.recording_run import Job, ShotOutcome, read_job, work_through
-from palletloc.shot import Shot
 
 RUN = Run(recording="0", method="m", configuration="c", starts="")
 PRIOR = PriorConfig(drift_rate_deg_s=0.5, max_drift_deg=0.8)
@@ -116,14 +109,8 @@ def test_given_starts_need_no_odometry_at_their_shots(blank_recording: Path) -> 
 @pytest.mark.parametrize(
     ("row", "said"),
     [
-        (
-            "0.5,t1,3,2,0,1.5",
-            "line 3: model: the recording's pallets do not include 't1'; did you mean 't11'?",
-        ),
-        (
-            "0.5,epal1-800,3,2,0,1",
-            "line 3: model: the recording's pallets do not include 'epal1-800'; known are",
-        ),
+        ("0.5,t1,3,2,0,1.5", "line 3: model: the recording's pallets do not include 't1'; did you mean 't11'?"),
+        ("0.5,epal1-800,3,2,0,1", "line 3: model: the recording's pallets do not include 'epal1-800'; known are"),
         ("0.6,t11,3,2,0,1.5", "line 3: time_s: no shot at 0.6 s; the nearest is at 0.5 s"),
         ("0.5,t11,3,nan,0,1.5", "line 3: y_m: expected a finite number, got 'nan'"),
     ],
@@ -144,19 +131,17 @@ def test_a_shelf_that_is_not_before_the_camera_ends_the_job(blank_recording: Pat
 
 def test_every_shot_is_worked_on_and_kept(blank_recording: Path, tmp_path: Path) -> None:
     done = worked(read_job(blank_recording), tmp_path / "out")
-    assert [(one.number, one.shot.file, one.problem) for one in done] == [
+    assert [(outcome.number, outcome.shot.file, outcome.problem) for outcome in done] == [
         (number, f"images/{number}.png", "") for number in range(4)
     ]
-    assert all(one.duration > 0 for one in done)
+    assert all(outcome.duration > 0 for outcome in done)
 
 
 @pytest.mark.parametrize("numbers", [(0,), (2,), (0, 1), (0, 1, 3)])
-def test_a_shot_that_cannot_be_read_is_passed_over(
-    blank_recording: Path, tmp_path: Path, numbers: tuple[int, ...]
-) -> None:
+def test_an_unreadable_shot_is_passed_over(blank_recording: Path, tmp_path: Path, numbers: tuple[int, ...]) -> None:
     damage(blank_recording, *numbers)
     outcomes = worked(read_job(blank_recording), tmp_path / "out")
-    assert [one.number for one in outcomes] == [0, 1, 2, 3]
+    assert [outcome.number for outcome in outcomes] == [0, 1, 2, 3]
     assert tuple(problems(outcomes)) == numbers
     for number, problem in problems(outcomes).items():
         assert problem.startswith(f"{blank_recording / 'images' / f'{number}.png'}: is not a JPEG or PNG")
@@ -178,25 +163,22 @@ def test_a_shot_that_is_not_before_the_shelf_is_passed_over(blank_recording: Pat
 
 
 @pytest.mark.parametrize("numbers", [(0,), (2,)])
-def test_strict_ends_at_the_first_shot_that_cannot_be_used(
-    blank_recording: Path, tmp_path: Path, numbers: tuple[int, ...]
-) -> None:
+def test_strict_ends_at_the_first_bad_shot(blank_recording: Path, tmp_path: Path, numbers: tuple[int, ...]) -> None:
     damage(blank_recording, *numbers)
     with pytest.raises(ImageError, match=rf"{numbers[0]}\.png: is not"):
         worked(read_job(blank_recording), tmp_path / "out", strict=True)
     assert not (tmp_path / "out" / "measurements.csv").exists()
 
 
-def test_where_no_shot_can_be_used_the_recording_is_at_fault(blank_recording: Path, tmp_path: Path) -> None:
+def test_without_a_usable_shot_the_recording_is_at_fault_or_its_only_shot(
+    blank_recording: Path, tmp_path: Path
+) -> None:
     damage(blank_recording, 0, 1, 2, 3)
     with pytest.raises(ShotError) as caught:
         worked(read_job(blank_recording), tmp_path / "out")
     first = f"{blank_recording / 'images' / '0.png'}: is not a JPEG or PNG image"
     assert str(caught.value).startswith(f"{blank_recording}: none of 4 shots can be used; the first: {first}")
     assert not (tmp_path / "out").exists()
-
-
-def test_the_only_shot_says_what_is_wrong_with_it(blank_recording: Path, tmp_path: Path) -> None:
     (blank_recording / "shots.csv").write_text("time_s,file\n0,images/0.png\n")
     damage(blank_recording, 0)
     with pytest.raises(ShotError) as caught:
@@ -213,7 +195,7 @@ def test_what_was_skipped_is_passed_over_again(blank_recording: Path, tmp_path: 
     assert len(outcomes) == 1
 
 
-def test_a_full_disk_is_no_fault_of_a_shot(
+def test_a_full_disk_is_no_shots_fault(
     blank_recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def cannot(*_arguments: object) -> None:
@@ -224,15 +206,11 @@ def test_a_full_disk_is_no_fault_of_a_shot(
         worked(read_job(blank_recording), tmp_path / "out")
 
 
-def explanations_in_memory() -> int:
-    return sum(isinstance(thing, Explanation) for thing in gc.get_objects())
-
-
 def test_what_was_found_is_not_piled_up(blank_recording: Path, tmp_path: Path) -> None:
     lines = [f"{0.01 * number:.2f},images/0.png" for number in range(12)]
     (blank_recording / "shots.csv").write_text("\n".join(["time_s,file", *lines]) + "\n")
     job = read_job(blank_recording)
     with RunFolder(tmp_path / "out", RUN, blank_recording, job.shots) as output:
-        alive = [explanations_in_memory() for _ in work_through(job, output)]
+        alive = [sum(isinstance(thing, Explanation) for thing in gc.get_objects()) for _ in work_through(job, output)]
     assert len(alive) == 12
     assert max(alive) <= alive[0] + 1

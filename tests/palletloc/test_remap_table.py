@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from functools import cache
 
 import cv2
@@ -7,22 +5,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from palletloc.cameras import (
-    CameraModel,
-    DualFisheye,
-    Equirectangular,
-    FisheyeLens,
-    KannalaBrandt,
-    Pinhole,
-)
+from palletloc.cameras import CameraModel, DualFisheye, Equirectangular, FisheyeLens, KannalaBrandt, Pinhole
 from palletloc.geometry import BoolArray, FloatArray, Image
 from palletloc.plane import PALLET_FROM_HORIZONTAL, PALLET_FROM_VERTICAL, PlaneGrid
-from palletloc.remap_table import (
-    MAX_ERROR_PX,
-    Interpolation,
-    build_table,
-    exact_map,
-)
+from palletloc.remap_table import MAX_ERROR_PX, Interpolation, build_table, exact_map
 
 FISHEYE_TERMS = {"k1": 0.03, "k2": -0.012, "k3": 0.002, "k4": -0.0002}
 
@@ -58,10 +44,7 @@ def plane(x: float, y: float, z: float, yaw_deg: float, axes: RigidTransform) ->
 
 PLANES: dict[str, tuple[RigidTransform, PlaneGrid]] = {
     "ahead": (plane(2.5, 0.2, -1.5, 5, PALLET_FROM_VERTICAL), PlaneGrid.spanning(-1, 1, 0, 1, 0.004)),
-    "strip": (
-        plane(2.5, 0.2, -1.5, 5, PALLET_FROM_HORIZONTAL),
-        PlaneGrid.spanning(-0.55, 0.55, -0.1, 0.1, 0.004),
-    ),
+    "strip": (plane(2.5, 0.2, -1.5, 5, PALLET_FROM_HORIZONTAL), PlaneGrid.spanning(-0.55, 0.55, -0.1, 0.1, 0.004)),
     "near": (plane(0.3, 0.0, -0.2, 10, PALLET_FROM_VERTICAL), PlaneGrid.spanning(-0.4, 0.4, 0, 0.4, 0.002)),
     "grazing": (plane(1.0, 0.05, -0.3, 90, PALLET_FROM_VERTICAL), PlaneGrid.spanning(-2, 2, 0, 0.5, 0.01)),
     "level_with_the_camera": (
@@ -78,10 +61,7 @@ PLANES: dict[str, tuple[RigidTransform, PlaneGrid]] = {
         plane(0.0, 0.0, -1.5, 0, PALLET_FROM_HORIZONTAL),
         PlaneGrid.spanning(-1.5, 1.5, -1.5, 1.5, 0.01),
     ),
-    "straight_above": (
-        plane(0.1, 0.0, 1.0, 30, PALLET_FROM_HORIZONTAL),
-        PlaneGrid.spanning(-1, 1, -1, 1, 0.01),
-    ),
+    "straight_above": (plane(0.1, 0.0, 1.0, 30, PALLET_FROM_HORIZONTAL), PlaneGrid.spanning(-1, 1, -1, 1, 0.01)),
     "through_the_camera": (plane(0, 0, 0, 20, PALLET_FROM_VERTICAL), PlaneGrid.spanning(-1, 1, -1, 1, 0.01)),
     "far": (plane(40.0, 0.0, -5.0, 0, PALLET_FROM_VERTICAL), PlaneGrid.spanning(-60, 60, 0, 20, 0.2)),
     "one_pixel": (plane(2.0, 0.0, -0.5, 0, PALLET_FROM_VERTICAL), PlaneGrid(0.0, 0.0, 0.01, 1, 1)),
@@ -233,8 +213,7 @@ def test_the_seam_leaves_no_trace(interpolation: Interpolation, resolution: floa
 def test_nearest_reads_the_very_pixel(name: str) -> None:
     camera = CAMERAS["equirectangular"]
     image = np.random.default_rng(0).integers(0, 256, (camera.height, camera.width), dtype=np.uint8)
-    table = build_table(camera, *PLANES[name])
-    view = table.apply(image, Interpolation.NEAREST)
+    view = build_table(camera, *PLANES[name]).apply(image, Interpolation.NEAREST)
     pixels = exact_map(camera, *PLANES[name]).pixels
     nearest = np.round(pixels).astype(int)
     clear = (np.abs(pixels - nearest) < 0.5 - MAX_ERROR_PX).all(axis=-1)

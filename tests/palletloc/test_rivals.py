@@ -1,69 +1,42 @@
 """Other explanations of the image in a fit's place: when there is one, and how likely it is against the fit."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from palletloc.candidate import Candidate, Fit, Refusal
-from palletloc.config import LocalizerConfig
+from palletloc import Candidate, Fit, LevelPose, Localizer, LocalizerConfig, PalletModel, Refusal, Shot, Start
 from palletloc.fitting import FitStart, decide, fit_from_starts
-from palletloc.geometry import LevelPose
-from palletloc.localizer import Localizer, Start
 from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
 from palletloc.methods import measure_refined
-from palletloc.pallet import PalletModel
 from palletloc.refinement.face_fit import FaceEstimate, FacePrior, fit_face
 from palletloc.refinement.patch import FacePatch, view_patch
 from palletloc.rivals import Rival, any_height, one_opening_aside, other_model, other_starts, own_start, wide_start
-from palletloc.shot import Shot
 from palletloc.verification import Evidence
+from tests.palletloc.poses import CONFIG, FLOOR, POSE, Outcome, Portrait, found, moved, slid
 
-POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
-FLOOR = HeightPrior(0.0, 0.003)
-CONFIG = LocalizerConfig()
 CERTAIN, DOUBTFUL = Evidence(4.0, 1.0, 0.8, 0.1), Evidence(2.2, 0.6, 0.5, 3.0)
-Portrait = Callable[..., Shot]
 
 
-def beside(pose: LevelPose, right: float) -> LevelPose:
-    return replace(pose, x=pose.x + np.sin(pose.yaw) * right, y=pose.y - np.cos(pose.yaw) * right)
-
-
-def measured(
-    shot: Shot, model: PalletModel, start: LevelPose = POSE, height: HeightPrior | None = FLOOR
-) -> Fit | Refusal:
+def measured(shot: Shot, model: PalletModel, start: LevelPose = POSE, height: HeightPrior | None = FLOOR) -> Outcome:
     return measure_refined(shot, Candidate(model, start, height), CONFIG)
-
-
-def found(shot: Shot, model: PalletModel) -> Fit:
-    fit = measured(shot, model)
-    assert isinstance(fit, Fit)
-    return fit
 
 
 def given_up(fit: Fit, reason: Reason = Reason.UNCERTAIN) -> Refusal:
     return Refusal(fit.candidate, Stage.VERIFICATION, reason, fit)
 
 
-def never(*_: object) -> Fit | Refusal:
+def never(*_: object) -> Outcome:
     raise AssertionError("nothing has to be measured")
-
-
-def asked(rivals: Iterable[Rival]) -> list[Rival]:
-    return list(rivals)
 
 
 # Other starts of the search, and the candidate's own.
 
 
 def test_every_other_attempt_that_measured_something_is_a_rival(portrait: Portrait, t11: PalletModel) -> None:
-    best = found(portrait(t11, POSE), t11)
-    less = replace(best, pose=beside(best.pose, 0.05), evidence=DOUBTFUL)
+    best = found(measured(portrait(t11, POSE), t11))
+    less = replace(best, pose=moved(best.pose, 0.05), evidence=DOUBTFUL)
     unseen = Refusal(best.candidate, Stage.POSITION, Reason.FEW_EDGES)
     first, second = other_starts(best, [less, best, unseen, given_up(less)])
     assert (first.nats, first.wins) == (less.likelihood - best.likelihood, False)
@@ -72,10 +45,8 @@ def test_every_other_attempt_that_measured_something_is_a_rival(portrait: Portra
     np.testing.assert_array_equal(second.apart, first.apart)
 
 
-def test_a_candidates_own_start_is_tried_on_its_level_where_the_search_led_nowhere(
-    portrait: Portrait, t11: PalletModel
-) -> None:
-    best = found(portrait(t11, POSE), t11)
+def test_on_a_level_the_own_start_is_tried_where_the_search_led_nowhere(portrait: Portrait, t11: PalletModel) -> None:
+    best = found(measured(portrait(t11, POSE), t11))
     raised = replace(given_up(best), candidate=replace(best.candidate, start=replace(POSE, z=0.2)))
     tried: list[LevelPose] = []
 
@@ -87,20 +58,18 @@ def test_a_candidates_own_start_is_tried_on_its_level_where_the_search_led_nowhe
     assert tried == [POSE]
     assert rival.wins
     assert rival.instead is best
-    assert asked(own_start(raised, lambda _: given_up(best))) == []
+    assert list(own_start(raised, lambda _: given_up(best))) == []
     free = replace(given_up(best), candidate=replace(best.candidate, height=None))
-    assert asked(own_start(best, never)) == asked(own_start(free, never)) == []
+    assert list(own_start(best, never)) == list(own_start(free, never)) == []
 
 
-def test_a_given_start_is_searched_widely_where_near_it_there_is_nothing_beyond_doubt(
-    portrait: Portrait, t11: PalletModel
-) -> None:
+def test_a_start_is_searched_widely_if_nothing_near_is_beyond_doubt(portrait: Portrait, t11: PalletModel) -> None:
     shot = portrait(t11, POSE)
-    best = found(shot, t11)
+    best = found(measured(shot, t11))
     assert best.face is not None
     unseen = Refusal(best.candidate, Stage.START, Reason.BEHIND_FACE)
     for settled in (replace(best, evidence=CERTAIN), replace(best, face=None), unseen):
-        assert asked(wide_start(shot, settled, never, CONFIG)) == []
+        assert list(wide_start(shot, settled, never, CONFIG)) == []
     widths: list[float] = []
 
     def measure(_: Shot, candidate: Candidate, config: LocalizerConfig) -> Fit:
@@ -123,18 +92,15 @@ def test_a_given_start_is_searched_widely_where_near_it_there_is_nothing_beyond_
 
 def believed(shot: Shot, model: PalletModel, right: float, hidden: float) -> Fit:
     """Return a fit that was measured aside and believed, as if something stood before its missing end."""
-    fit = found(shot, model)
-    there = beside(fit.pose, right)
+    fit = found(measured(shot, model))
+    there = moved(fit.pose, right)
     evidence = Evidence(3.0, 0.8, 0.5, 1.0, hidden, hidden)
     return replace(fit, candidate=replace(fit.candidate, start=there), pose=there, evidence=evidence)
 
 
 @pytest.mark.parametrize("side", [-1, 1])
-@pytest.mark.parametrize("name", ["epal", "t11"])
-def test_a_pallet_taken_one_opening_aside_is_taken_back(
-    portrait: Portrait, request: pytest.FixtureRequest, name: str, side: int
-) -> None:
-    model: PalletModel = request.getfixturevalue(name)
+@pytest.mark.parametrize("model", ["epal", "t11"], indirect=True)
+def test_a_pallet_taken_one_opening_aside_is_taken_back(portrait: Portrait, model: PalletModel, side: int) -> None:
     shot = portrait(model, POSE)
     alias = believed(shot, model, side * (model.openings[1].center - model.openings[0].center), 0.3)
     back = decide(alias, [one_opening_aside(shot, alias, measure_refined, CONFIG)], CONFIG)
@@ -143,22 +109,30 @@ def test_a_pallet_taken_one_opening_aside_is_taken_back(
     assert back.candidate is alias.candidate
 
 
-def test_the_right_one_stays_as_it_is(portrait: Portrait, epal: PalletModel) -> None:
+def test_the_right_one_stays_and_what_is_beyond_doubt_is_not_asked_again(
+    portrait: Portrait, epal: PalletModel
+) -> None:
     shot = portrait(epal, POSE)
-    fit = found(shot, epal)
+    fit = found(measured(shot, epal))
     assert fit.evidence is not None
     doubtful = replace(fit, evidence=replace(fit.evidence, hidden=0.1))
     kept = decide(doubtful, [one_opening_aside(shot, doubtful, measure_refined, CONFIG)], CONFIG)
     assert isinstance(kept, Fit)
     assert kept.pose is fit.pose
     np.testing.assert_array_equal(kept.covariance, fit.covariance)
+    certain = replace(found(measured(shot, epal)), evidence=CERTAIN)
+    assert certain.rank >= CONFIG.verification.certain
+    for settled in (certain, given_up(certain), replace(certain, face=None)):
+        assert list(one_opening_aside(shot, settled, never, CONFIG)) == []
+    hidden = believed(shot, epal, 0.0, 0.1)
+    assert len(list(one_opening_aside(shot, hidden, measure_refined, CONFIG))) == 2
 
 
 def test_a_rival_that_fails_its_checks_still_refuses(portrait: Portrait, epal: PalletModel) -> None:
     shot = portrait(epal, POSE)
     alias = believed(shot, epal, float(epal.openings[1].center - epal.openings[0].center), 0.3)
 
-    def measure_badly(shot: Shot, candidate: Candidate, config: LocalizerConfig) -> Fit | Refusal:
+    def measure_badly(shot: Shot, candidate: Candidate, config: LocalizerConfig) -> Outcome:
         rival = measure_refined(shot, candidate, config)
         return given_up(rival) if isinstance(rival, Fit) else rival
 
@@ -167,25 +141,7 @@ def test_a_rival_that_fails_its_checks_still_refuses(portrait: Portrait, epal: P
     assert (refused.stage, refused.reason, refused.fit) == (Stage.VERIFICATION, Reason.OVERLAP, alias)
 
 
-def test_what_is_beyond_doubt_is_not_asked_again(portrait: Portrait, epal: PalletModel) -> None:
-    shot = portrait(epal, POSE)
-    certain = replace(found(shot, epal), evidence=CERTAIN)
-    assert certain.rank >= CONFIG.verification.certain
-    for settled in (certain, given_up(certain), replace(certain, face=None)):
-        assert asked(one_opening_aside(shot, settled, never, CONFIG)) == []
-    hidden = believed(shot, epal, 0.0, 0.1)
-    assert len(asked(one_opening_aside(shot, hidden, measure_refined, CONFIG))) == 2
-
-
 # Another model.
-
-
-def seen_as(shot: Shot, model: PalletModel, other: PalletModel) -> LevelPose:
-    """Return where another model would look as wide as one at `POSE`."""
-    center = shot.mounting.center
-    place = center + other.width / model.width * (POSE.as_array()[:3] - center)
-    x, y, z = place.tolist()
-    return LevelPose(x, y, z, POSE.yaw)
 
 
 @pytest.mark.parametrize("names", [("epal", "t11"), ("t11", "epal")], ids="-as-".join)
@@ -194,7 +150,8 @@ def test_at_any_height_a_model_gives_way_to_the_one_that_stands_there(
 ) -> None:
     model, other = (request.getfixturevalue(name) for name in names)
     shot = portrait(model, POSE)
-    starts = [Start(other.name, seen_as(shot, model, other)), Start(model.name, POSE)]
+    # where the other model would look as wide
+    starts = [Start(other.name, slid(shot, POSE, other.width / model.width)), Start(model.name, POSE)]
     wrong, right = Localizer([model, other]).explain_from(shot, starts).outcomes
     assert isinstance(wrong, Refusal)
     assert isinstance(right, Fit)
@@ -212,20 +169,20 @@ def test_a_model_that_looks_alike_is_no_contradiction(portrait: Portrait, t11: P
     assert (np.diag(together.covariance) >= np.diag(alone.covariance)).all()
 
 
-def test_no_other_model_is_tried_on_a_known_level_for_itself_or_for_what_was_given_up(
+def test_no_other_model_is_tried_on_a_level_for_itself_or_what_was_refused(
     portrait: Portrait, t11: PalletModel
 ) -> None:
     shot, other = portrait(t11, POSE), replace(t11, name="other", width=1.2)
-    known = found(shot, t11)
+    known = found(measured(shot, t11))
     free = replace(known, candidate=replace(known.candidate, height=None))
     for best, model in ((known, other), (free, t11), (given_up(free), other), (replace(free, face=None), other)):
-        assert asked(other_model(shot, best, model, never, CONFIG)) == []
+        assert list(other_model(shot, best, model, never, CONFIG)) == []
 
 
 # The same face at any height.
 
 
-def slid(shot: Shot, pose: LevelPose, height: float) -> LevelPose:
+def lifted(shot: Shot, pose: LevelPose, height: float) -> LevelPose:
     """Return a pose on another height that appears at the same place in the image."""
     center = shot.mounting.center
     factor = (height - center[2]) / (pose.z - center[2])
@@ -236,7 +193,7 @@ def slid(shot: Shot, pose: LevelPose, height: float) -> LevelPose:
 def on_level(shot: Shot, model: PalletModel, level: float) -> Fit:
     """Return a pallet fitted on a level, whether it stands there or not."""
     prior = FacePrior(HeightPrior(level, 0.003), None, float(np.radians(5.0)))
-    face = fit_face(shot, slid(shot, POSE, level), model, prior, CONFIG.face_fit)
+    face = fit_face(shot, lifted(shot, POSE, level), model, prior, CONFIG.face_fit)
     assert isinstance(face, FaceEstimate)
     pose = face.forklift_from_pallet
     return Fit(Candidate(model, POSE, prior.height), pose, face.covariance, YawSource.FACE, face, prior)
@@ -251,9 +208,7 @@ def test_a_right_level_is_not_contradicted(model: PalletModel, portrait: Portrai
 
 
 @pytest.mark.parametrize("off", [-0.06, -0.05, 0.05, 0.06])
-def test_a_level_wrong_by_some_centimetres_is_contradicted(
-    model: PalletModel, off: float, portrait: Portrait
-) -> None:
+def test_a_level_wrong_by_centimetres_is_contradicted(model: PalletModel, off: float, portrait: Portrait) -> None:
     shot = portrait(model, POSE)
     (rival,) = any_height(shot, on_level(shot, model, POSE.z + off), CONFIG)
     assert rival.wins
@@ -267,7 +222,7 @@ def test_nothing_is_said_without_a_level_or_edges_or_doubt(portrait: Portrait, t
     assert wrong.face is not None
     free = replace(wrong, candidate=replace(wrong.candidate, height=None))
     for best in (free, replace(wrong, face=None), replace(wrong, face=replace(wrong.face, doubt=0.9))):
-        assert asked(any_height(shot, best, CONFIG)) == []
+        assert list(any_height(shot, best, CONFIG)) == []
 
 
 @pytest.mark.parametrize(
@@ -280,7 +235,7 @@ def test_only_what_stands_apart_and_is_likelier_wins(sigmas: float, odds: float,
 @pytest.mark.parametrize("off", [-0.06, 0.06])
 def test_a_contradicted_level_is_the_reason(off: float, portrait: Portrait, epal: PalletModel) -> None:
     shot = portrait(epal, POSE)
-    start = slid(shot, POSE, off)
+    start = lifted(shot, POSE, off)
     patch = view_patch(shot, start, (-0.75, 0.75, -0.1, 0.3), 0.005)
     assert isinstance(patch, FacePatch)
     candidate = Candidate(epal, start, HeightPrior(off, 0.003))

@@ -1,24 +1,33 @@
-"""Shots: where the camera is against a face, views of its planes through any camera, and their exposure."""
+"""Shots, candidates and what is measured are values; views of a shot, and its exposure."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-from dataclasses import replace
+import math
+from dataclasses import FrozenInstanceError, fields, is_dataclass, replace
+from enum import StrEnum
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
+from palletloc import (
+    Candidate,
+    Explanation,
+    Fit,
+    LevelPose,
+    Mounting,
+    PalletModel,
+    Refusal,
+    RefusedCandidate,
+    ShelfPlane,
+    Shot,
+)
 from palletloc.cameras import CameraModel, DualFisheye, Equirectangular, FisheyeLens, KannalaBrandt, Pinhole
-from palletloc.geometry import LevelPose
-from palletloc.localizer import Localizer
-from palletloc.measurement import Reason
-from palletloc.mounting import Mounting
-from palletloc.pallet import PalletModel
+from palletloc.candidate import last_step, steps_of
+from palletloc.measurement import Reason, Stage, YawSource
 from palletloc.plane import PALLET_FROM_HORIZONTAL, PALLET_FROM_VERTICAL, PlaneGrid
 from palletloc.projection import Projector
-from palletloc.shelf import ShelfPlane
-from palletloc.shot import BRIGHT, MIN_DISTANCE, MOST_GAIN, Shot, out_of_sight, points_about, shelf_points
+from palletloc.shot import BRIGHT, MIN_DISTANCE, MOST_GAIN, out_of_sight, points_about, shelf_points
+from palletloc.verification import Evidence
+from tests.palletloc.poses import Makes, Mounted, Pallets, Portrait
 
 SHELF = ShelfPlane(1.3, 2.02, -np.pi / 2 + 0.01, (0.0,))
 POSE = LevelPose(0.9, 2.0, 0.3, np.pi / 2 + 0.02)
@@ -33,11 +42,10 @@ CAMERAS: dict[str, CameraModel] = {
         FisheyeLens(replace(LENS, width=640, cx=479.5), LevelPose(-0.01, 0.0, 0.0, np.pi).transform()),
     ),
 }
-Placed = tuple[PalletModel, LevelPose]
 
 
 @pytest.fixture(params=CAMERAS)
-def shot(request: pytest.FixtureRequest, mounted: Callable[..., RigidTransform]) -> Shot:
+def shot(request: pytest.FixtureRequest, mounted: Mounted) -> Shot:
     """Return a shot of noise through each kind of camera."""
     camera = CAMERAS[request.param]
     image = np.random.default_rng(0).integers(0, 256, (camera.height, camera.width, 3), dtype=np.uint8)
@@ -76,9 +84,7 @@ def test_views_are_what_a_projector_shows_of_the_planes_through_a_pose(shot: Sho
 
 
 @pytest.mark.parametrize("name", ["equirectangular", "pinhole", "fisheye"])
-def test_a_point_of_the_face_is_in_the_view_where_it_is_on_the_face(
-    name: str, mounted: Callable[..., RigidTransform]
-) -> None:
+def test_a_point_of_the_face_is_in_the_view_where_it_is_on_the_face(name: str, mounted: Mounted) -> None:
     camera = CAMERAS[name]
     shot = Shot(
         np.zeros((camera.height, camera.width), np.uint8), camera, Mounting(mounted(0.3, -0.1, 1.2, 78.0, 15.0))
@@ -92,9 +98,7 @@ def test_a_point_of_the_face_is_in_the_view_where_it_is_on_the_face(
     np.testing.assert_allclose(found, point, atol=0.015)
 
 
-def test_openings_are_darker_than_blocks_where_the_model_has_them(
-    portrait: Callable[..., Shot], epal: PalletModel
-) -> None:
+def test_openings_are_darker_than_blocks_where_the_model_has_them(portrait: Portrait, epal: PalletModel) -> None:
     pose = replace(POSE, z=0.0)
     view = portrait(epal, pose).vertical_view(pose, (-0.66, 0.66, -0.06, 0.21), 0.004)
     up = epal.openings[0].bottom + epal.openings[0].height / 2
@@ -115,9 +119,7 @@ def test_openings_are_darker_than_blocks_where_the_model_has_them(
         ((0.0, 1.0, -5.1), Reason.OUT_OF_RANGE),
     ],
 )
-def test_a_face_is_out_of_sight_behind_its_plane_or_far_away(
-    camera: tuple[float, float, float], reason: Reason | None
-) -> None:
+def test_faces_are_out_of_sight_behind_or_far_away(camera: tuple[float, float, float], reason: Reason | None) -> None:
     assert out_of_sight(np.array(camera), 5.0) is reason
 
 
@@ -126,26 +128,26 @@ def darkened(shot: Shot, gain: float, noise: float = 0.0) -> Shot:
     return replace(shot, image=np.clip(np.rint(shot.image * gain + random), 0, 255).astype(np.uint8))
 
 
-def test_points_of_a_shelf_lie_on_its_front_between_its_heights() -> None:
+def test_points_of_a_shelf_and_about_places_lie_on_their_fronts() -> None:
     shelf = ShelfPlane(1.0, 2.0, np.radians(-80.0))
     points = shelf_points(shelf, (0.1, 1.4), 3.0)
     out = np.array([np.cos(shelf.facing), np.sin(shelf.facing)])
     np.testing.assert_allclose((points[:, :2] - [shelf.x, shelf.y]) @ out, 0.0, atol=1e-12)
     assert points[:, 2].min() == pytest.approx(0.1)
     assert 1.2 < points[:, 2].max() <= 1.4
-
-
-def test_points_about_places_lie_on_their_faces() -> None:
     pose = LevelPose(2.0, 1.5, 0.4, 1.2)
     points = pose.transform().inv().apply(points_about([pose, pose]))
     np.testing.assert_allclose(points[:, 0], 0.0, atol=1e-12)
     assert np.ptp(points[:, 1]) > 1.0
 
 
-def test_a_bright_shot_is_left_alone(floor_shot: Shot) -> None:
+def test_bright_shots_stay_gain_has_an_end_and_what_is_not_seen_needs_none(floor_shot: Shot) -> None:
     points = shelf_points(SHELF, (0.0, 0.5), 3.0)
     bright = floor_shot.exposed_for(points)
     assert bright.exposed_for(points) is bright
+    black = replace(floor_shot, image=np.ones_like(floor_shot.image))
+    assert black.exposed_for(shelf_points(SHELF, (0.0, 0.5), 3.0)).image.max() == MOST_GAIN
+    assert black.exposed_for(np.full((4, 3), np.nan)) is black
 
 
 def test_a_dark_shot_is_exposed_for_the_shelf_and_not_for_a_lamp(floor_shot: Shot) -> None:
@@ -161,15 +163,9 @@ def test_a_dark_shot_is_exposed_for_the_shelf_and_not_for_a_lamp(floor_shot: Sho
     np.testing.assert_array_equal(dark.image, before)
 
 
-def test_gain_has_an_end_and_what_is_not_seen_needs_none(floor_shot: Shot) -> None:
-    black = replace(floor_shot, image=np.ones_like(floor_shot.image))
-    assert black.exposed_for(shelf_points(SHELF, (0.0, 0.5), 3.0)).image.max() == MOST_GAIN
-    assert black.exposed_for(np.full((4, 3), np.nan)) is black
-
-
 @pytest.mark.parametrize("gain", [0.25, 0.16])
 def test_pallets_are_found_in_the_dark(
-    floor_localizer: Callable[..., Localizer], floor_shot: Shot, floor_pallets: tuple[Placed, ...], gain: float
+    floor_localizer: Makes, floor_shot: Shot, floor_pallets: Pallets, gain: float
 ) -> None:
     found = floor_localizer().localize(darkened(floor_shot, gain, noise=0.5), SHELF)
     assert len(found) == len(floor_pallets)
@@ -182,3 +178,79 @@ def test_pallets_are_found_in_the_dark(
         assert row.model == model.name
         assert error[:3].max() < 0.02
         assert error[3] < np.radians(0.6)
+
+
+# Candidates, fits and refusals.
+
+START, FITTED = LevelPose(1.0, 2.0, 0.0, 1.5), LevelPose(1.02, 2.03, 0.01, 1.52)
+EVIDENCE = Evidence(4.0, 0.5, 0.4, 2.0)
+
+
+@pytest.fixture
+def fit(epal: PalletModel) -> Fit:
+    return Fit(
+        Candidate(epal, START, None, 0.7), FITTED, np.eye(4), YawSource.TOP, steps=("a view", 1, "another view")
+    )
+
+
+@pytest.fixture
+def taken() -> Shot:
+    mounting = Mounting(LevelPose(0.3, 0.0, 0.0, 0.0).transform())
+    return Shot(np.zeros((32, 64), np.uint8), Equirectangular(64, 32), mounting, 2.5, "a.png")
+
+
+def test_nothing_can_be_written_into_a_shot_or_into_what_is_found_in_it(fit: Fit, taken: Shot) -> None:
+    refusal = Refusal(fit.candidate, Stage.VERIFICATION, Reason.FEW_EDGES, fit)
+    for value in (taken, fit.candidate, fit, refusal, EVIDENCE, Explanation(taken, (), (), (fit, refusal))):
+        assert is_dataclass(value)
+        for field in fields(value):
+            with pytest.raises(FrozenInstanceError):
+                setattr(value, field.name, None)
+        assert not hasattr(value, "__dict__")  # nothing can be added, either
+
+
+def test_its_rank_is_its_score_before_the_checks_and_what_they_say_after_them(fit: Fit) -> None:
+    assert fit.rank == fit.candidate.score == 0.7
+    checked = replace(fit, evidence=EVIDENCE)
+    assert checked.rank == EVIDENCE.probability != 0.7
+    before, after = (Refusal(fit.candidate, Stage.POSITION, Reason.NO_PEAK, each) for each in (None, checked))
+    assert (before.rank, after.rank) == (0.7, EVIDENCE.probability)
+
+
+def test_fits_and_refusals_give_what_was_measured_and_unchecked_ones_explain_nothing(fit: Fit) -> None:
+    unseen = Refusal(fit.candidate, Stage.SEARCH, Reason.NO_PEAK)
+    for outcome in (fit, replace(fit, evidence=EVIDENCE), unseen):
+        assert outcome.likelihood == -math.inf
+    assert fit.fit is fit
+    assert Refusal(fit.candidate, Stage.VERIFICATION, Reason.OVERLAP, fit).fit is fit
+    assert Refusal(fit.candidate, Stage.YAW, Reason.NO_LINE).fit is None
+
+
+def test_steps_are_found_by_their_kind_in_their_order(fit: Fit) -> None:
+    for outcome in (fit, Refusal(fit.candidate, Stage.YAW, Reason.NO_LINE, None, fit.steps)):
+        assert steps_of(outcome, str) == ["a view", "another view"]
+        assert last_step(outcome, str) == "another view"
+        assert last_step(outcome, int) == 1
+        assert last_step(outcome, float) is None
+        assert steps_of(outcome, float) == []
+
+
+def test_a_shots_rows_are_its_fits_and_its_refusals_in_their_order(fit: Fit, taken: Shot) -> None:
+    refusal = Refusal(fit.candidate, Stage.YAW, Reason.NO_LINE, fit)
+    explained = Explanation(taken, (), (), (refusal, fit, refusal))
+    (row,) = explained.measurements
+    assert (row.time, row.model, row.file) == (2.5, "epal", "a.png")
+    assert (row.forklift_from_pallet, row.score, row.yaw_from) == (FITTED, 0.7, YawSource.TOP)
+    assert row.covariance is fit.covariance
+    assert explained.refusals == [RefusedCandidate(2.5, "epal", Stage.YAW, Reason.NO_LINE, "a.png")] * 2
+
+
+def test_the_sources_of_yaw_are_those_that_files_may_name() -> None:
+    assert {str(source) for source in YawSource} == {"bottom", "top", "opening_top", "opening_bottom", "face"}
+
+
+@pytest.mark.parametrize("codes", [Stage, Reason, YawSource])
+def test_codes_are_words_that_a_file_can_hold(codes: type[StrEnum]) -> None:
+    for code in codes:
+        assert str(code) == code.name.lower()
+        assert codes(str(code)) is code

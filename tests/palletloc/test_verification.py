@@ -1,28 +1,36 @@
-from __future__ import annotations
-
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from palletloc import Candidate, Fit, LevelPose, LocalizerConfig, PalletModel, Refusal, Shot
 from palletloc.contrast import opening_contrasts
-from palletloc.geometry import FloatArray, LevelPose
-from palletloc.measurement import HeightPrior, Reason
-from palletloc.pallet import PalletModel
+from palletloc.geometry import FloatArray
+from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
+from palletloc.methods import measure_refined
+from palletloc.overlap import exclude_overlaps
 from palletloc.refinement.face_fit import FaceEstimate, FaceFitConfig, FacePrior, YawPrior, fit_face
 from palletloc.refinement.hypotheses import score_pose
 from palletloc.refinement.patch import FacePatch, view_patch
-from palletloc.shot import Shot
-from palletloc.verification import Evidence, VerificationConfig, of_use, verify
+from palletloc.verification import (
+    SCORE,
+    USUAL_CONTRAST,
+    USUAL_COVERAGE,
+    USUAL_DOUBT,
+    USUAL_SCORE,
+    Evidence,
+    VerificationConfig,
+    of_use,
+    verify,
+)
+from tests.palletloc.poses import FLOOR, POSE, Outcome, Portrait
 
-POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
-FLOOR = HeightPrior(0.0, 0.003)
 CONFIG = VerificationConfig()
-Portrait = Callable[..., Shot]
 
 
 def fitted(shot: Shot, model: PalletModel) -> FaceEstimate | Reason:
@@ -45,8 +53,13 @@ def boarded_up(shot: Shot, model: PalletModel) -> Shot:
 
     image, high = shot.image.copy(), model.height / 2
     column, row = np.rint(pixels([(0.0, high)])[0]).astype(int)
-    for one in model.openings:
-        left, right, low, top = one.left - 0.015, one.right + 0.015, one.bottom - 0.015, one.top + 0.015
+    for opening in model.openings:
+        left, right, low, top = (
+            opening.left - 0.015,
+            opening.right + 0.015,
+            opening.bottom - 0.015,
+            opening.top + 0.015,
+        )
         corners = [(left, low), (right, low), (right, top), (left, top)]
         cv2.fillPoly(image, [np.rint(pixels(corners)).astype(np.int32)], image[row, column].tolist())
     return replace(shot, image=image)
@@ -109,10 +122,13 @@ def test_what_seems_hidden_speaks_against_a_pallet_and_what_stands_before_it_exp
     assert explained.visible == pytest.approx(covered.visible)
 
 
-def test_every_sign_counts() -> None:
+def test_every_sign_counts_and_a_face_of_few_pixels_must_show_more() -> None:
     plain = Evidence(2.0, 0.5, 0.5, 2.0)
     for sign in ({"contrast": 3.0}, {"coverage": 0.7}, {"score": 0.6}, {"doubt": 1.0}):
         assert replace(plain, **sign).probability > plain.probability + 0.01
+    seen = Evidence(3.0, 0.75, 0.6, 2.0)
+    assert verify(seen, CONFIG) is None
+    assert verify(replace(seen, width_px=25.0), CONFIG) is not None
 
 
 @given(signs, st.floats(0.0, 500.0))
@@ -120,12 +136,6 @@ def test_few_pixels_never_make_a_pallet_more_likely(large: Evidence, width: floa
     small = replace(large, width_px=width)
     assert small.probability <= large.probability
     assert (small.probability > 0.5) <= (large.probability > 0.5)
-
-
-def test_a_face_of_few_pixels_must_show_more() -> None:
-    seen = Evidence(3.0, 0.75, 0.6, 2.0)
-    assert verify(seen, CONFIG) is None
-    assert verify(replace(seen, width_px=25.0), CONFIG) is not None
 
 
 @pytest.mark.parametrize(
@@ -151,3 +161,98 @@ def test_a_pose_is_of_use_if_its_longest_axis_on_the_floor_and_its_yaw_are_sure(
     limits = (CONFIG.max_sigma, np.radians(CONFIG.max_yaw_sigma_deg))
     if min(abs(along / limits[0] - 1), abs(yaw / limits[1] - 1)) > 1e-6:
         assert bool(of_use(covariance, CONFIG)) is bool(along <= limits[0] and yaw <= limits[1])
+
+
+# Of candidates that stand in each other, those stay that together are the likeliest.
+
+
+def placed(model: PalletModel, x: float, score: float) -> Fit:
+    pose = LevelPose(x, 2.0, 0.0, np.pi / 2)
+    return Fit(Candidate(model, pose, None, score), pose, np.eye(4), YawSource.FACE)
+
+
+def given_up(fit: Fit, reason: Reason) -> Refusal:
+    return Refusal(fit.candidate, Stage.VERIFICATION, reason, fit)
+
+
+def excluded(*outcomes: Outcome) -> list[Outcome]:
+    """Return what stays, after a check that everything else is as it was."""
+    found = exclude_overlaps(outcomes, CONFIG)
+    for before, after in zip(outcomes, found, strict=True):
+        if after is not before:
+            assert isinstance(before, Fit)
+            assert isinstance(after, Refusal)
+            assert (after.candidate, after.stage, after.reason) == (
+                before.candidate,
+                Stage.VERIFICATION,
+                Reason.OVERLAP,
+            )
+            assert after.fit is before
+    return found
+
+
+def stays(*outcomes: Outcome) -> list[bool]:
+    return [isinstance(outcome, Fit) for outcome in excluded(*outcomes)]
+
+
+def test_the_better_of_two_stays_and_what_was_refused_excludes_nothing(epal: PalletModel, t11: PalletModel) -> None:
+    weak, strong, aside = placed(epal, 0.0, 0.5), placed(t11, 0.3, 0.8), placed(epal, 1.6, 0.4)
+    refused = given_up(placed(epal, 0.0, 0.99), Reason.FEW_EDGES)
+    assert stays(weak, refused, strong, aside) == [False, False, True, True]
+    assert excluded(weak, refused, strong, aside)[1] is refused
+    wrong = given_up(placed(t11, 0.1, 0.9), Reason.OVERLAP)
+    assert stays(wrong, placed(epal, 0.0, 0.8)) == [False, True]
+
+
+def test_nothing_and_what_was_excluded_excludes_nothing(epal: PalletModel) -> None:
+    assert stays(*(placed(epal, 0.8 * i, 0.9 - 0.1 * i) for i in range(3))) == [True, False, True]
+    unseen = Refusal(Candidate(epal, LevelPose(0.0, 2.0, 0.0, 1.5)), Stage.SEARCH, Reason.NO_PEAK)
+    assert excluded() == []
+    assert excluded(unseen) == [unseen]
+    assert stays(unseen, placed(epal, 0.0, 0.1)) == [False, True]
+
+
+@pytest.mark.parametrize(("aside", "expected"), [(0.0, True), (0.45, False)])
+def test_what_is_uncertain_keeps_others_away_but_not_a_better_fit_of_its_own_pallet(
+    aside: float, expected: bool, portrait: Portrait, t11: PalletModel
+) -> None:
+    pose = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
+    known = measure_refined(portrait(t11, pose), Candidate(t11, pose, HeightPrior(0.0, 0.003)), LocalizerConfig())
+    assert isinstance(known, Fit)
+    assert known.face is not None
+    there = replace(pose, x=pose.x + aside)
+    uncertain = replace(known, pose=there, face=replace(known.face, forklift_from_pallet=there))
+    assert stays(given_up(uncertain, Reason.UNCERTAIN), known) == [False, expected]
+
+
+def shown(model: PalletModel, x: float, evidence: float) -> Fit:
+    """A fit whose signs are those of most places, but for a score that gives it so much evidence."""
+    signs = Evidence(USUAL_CONTRAST, USUAL_COVERAGE, USUAL_SCORE + evidence / SCORE, USUAL_DOUBT - 0.5)
+    assert signs.visible == pytest.approx(evidence)
+    return replace(placed(model, x, 0.5), evidence=signs)
+
+
+def test_two_pallets_outweigh_one_that_stands_in_both_but_two_mere_scores_no_higher_one(epal: PalletModel) -> None:
+    left, between, right = shown(epal, 0.0, 1.2), shown(epal, 0.65, 1.8), shown(epal, 1.3, 1.0)
+    assert stays(between, left, right) == [False, True, True]
+    left, between, right = shown(epal, 0.0, 0.8), shown(epal, 0.65, 1.9), shown(epal, 1.3, 1.0)
+    assert stays(between, left, right) == [True, False, False]
+    left, between, right = placed(epal, 0.0, 0.6), placed(epal, 0.65, 0.7), placed(epal, 1.3, 0.6)
+    assert stays(left, between, right) == [False, True, False]
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.lists(st.tuples(st.floats(0.0, 6.0), st.floats(0.1, 2.5)), max_size=9))
+def test_what_stays_weighs_the_most(epal: PalletModel, places: list[tuple[float, float]]) -> None:
+    found = stays(*(shown(epal, x, evidence) for x, evidence in places))
+    apart = 0.9 * epal.width
+
+    def free(chosen: Sequence[tuple[float, float]]) -> bool:
+        return all(abs(here[0] - there[0]) >= apart for here, there in combinations(chosen, 2))
+
+    kept = [place for place, is_kept in zip(places, found, strict=True) if is_kept]
+    assert free(kept)
+    subsets = (some for count in range(len(places) + 1) for some in combinations(places, count) if free(some))
+    assert sum(weight for _, weight in kept) == pytest.approx(
+        max(sum(weight for _, weight in some) for some in subsets)
+    )

@@ -1,7 +1,5 @@
 """Whether errors are as large as they are said to be, over many simulated approaches with the true noise model."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import NamedTuple
 

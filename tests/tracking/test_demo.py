@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import csv
 import json
 import re
@@ -19,6 +17,7 @@ from palletloc.io.recording import check_shelf, read_recording
 from palletloc.io.truth import read_truth
 
 SAMPLE = Path(str(files("palletloc") / "sample"))
+pytestmark = pytest.mark.slow  # it localizes, tracks and evaluates the whole sample
 
 
 class Links(HTMLParser):

@@ -1,7 +1,5 @@
 """The filter of a group: the textbook's equations, filterpy's update, and what pallets tell each other."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

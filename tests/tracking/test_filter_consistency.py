@@ -1,7 +1,5 @@
 """Whether the filter's errors are as large as it says, over simulated drives with the noise that it assumes."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import NamedTuple

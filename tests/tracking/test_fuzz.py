@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -103,9 +101,7 @@ def follow(tracker: PalletTracker, site: Any, begin: float) -> None:
 @FEW
 @given(STREAMS)
 def test_whatever_comes_nothing_breaks(
-    make_site: Callable[..., Any],
-    is_sound: Callable[[PalletTracker], None],
-    stream: Sequence[Input | list[Input]],
+    make_site: Callable[..., Any], is_sound: Callable[[PalletTracker], None], stream: Sequence[Input | list[Input]]
 ) -> None:
     nothing_breaks(make_site, is_sound, stream)
 
@@ -114,9 +110,7 @@ def test_whatever_comes_nothing_breaks(
 @MANY
 @given(STREAMS)
 def test_whatever_comes_a_thousand_times_nothing_breaks(
-    make_site: Callable[..., Any],
-    is_sound: Callable[[PalletTracker], None],
-    stream: Sequence[Input | list[Input]],
+    make_site: Callable[..., Any], is_sound: Callable[[PalletTracker], None], stream: Sequence[Input | list[Input]]
 ) -> None:
     nothing_breaks(make_site, is_sound, stream)
 

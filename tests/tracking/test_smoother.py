@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -25,9 +23,7 @@ from tracking.tracker import Input, PalletTracker
 NOISE = OdometryNoise(wheel_scale_percent=2.0, gyro_bias_deg_s=0.3)
 ALONE = MeasurementErrors(common_position_m=0.0, common_yaw_deg=0.0, wander_m=0.0, wander_yaw_deg=0.0)
 HONEST = TrackerConfig(
-    odometry=NOISE,
-    errors=ALONE,
-    gate=GateConfig(probability=1 - 1e-6, robust_probability=1 - 1e-6, adapt_over=0),
+    odometry=NOISE, errors=ALONE, gate=GateConfig(probability=1 - 1e-6, robust_probability=1 - 1e-6, adapt_over=0)
 )
 """Believes what the simulated approaches do, outliers apart: they have none."""
 PALLET = LevelPose(5.5, 2.2, 0.3, 1.5)

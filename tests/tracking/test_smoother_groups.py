@@ -1,7 +1,5 @@
 """Smoothing pallets that share one estimate, against the least squares solution of all measurements at once."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 

@@ -1,26 +1,18 @@
 """What bad input is tried on, and its law: a refusal or a right pose, never a confident wrong row."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
 
-from palletloc.choices import CameraKind, Method
-from palletloc.geometry import LevelPose, wrap_angle
-from palletloc.localizer import Explanation, Localizer
-from palletloc.measurement import PalletMeasurement
+from palletloc import Explanation, LevelPose, Localizer, Method, PalletMeasurement, PalletModel, ShelfPlane, Shot
+from palletloc.choices import CameraKind
+from palletloc.geometry import wrap_angle
 from palletloc.methods import METHODS
-from palletloc.pallet import PalletModel
-from palletloc.shelf import ShelfPlane
-from palletloc.shot import Shot
 from palletloc.synthetic.rig import camera_of
-
-Placed = tuple[PalletModel, LevelPose]
-Scene = tuple[Shot, tuple[Placed, ...], ShelfPlane]
-Photograph = Callable[..., Shot]
+from tests.palletloc.bad_input.drawn import Scene
+from tests.palletloc.poses import Pallets, Photograph, Placed
 
 RIGHT = -np.pi / 2
 """Heading into a shelf on the right."""
@@ -81,7 +73,7 @@ def localizer(method: Method) -> Callable[..., Localizer]:
 
 
 @pytest.fixture(scope="session")
-def right_pallets(epal: PalletModel, t11: PalletModel) -> tuple[Placed, ...]:
+def right_pallets(epal: PalletModel, t11: PalletModel) -> Pallets:
     """Return two pallets on the floor to the right."""
     return (
         (t11, LevelPose(0.7, -1.9, 0.0, RIGHT + np.radians(2.0))),
@@ -93,10 +85,10 @@ def right_pallets(epal: PalletModel, t11: PalletModel) -> tuple[Placed, ...]:
 def scenes(
     photograph: Photograph,
     floor_shot: Shot,
-    floor_pallets: tuple[Placed, ...],
+    floor_pallets: Pallets,
     rack_shot: Shot,
-    rack_pallets: tuple[Placed, ...],
-    right_pallets: tuple[Placed, ...],
+    rack_pallets: Pallets,
+    right_pallets: Pallets,
 ) -> Callable[[str], Scene]:
     """Return a function that returns a scene by its name: a shot, the pallets in it and the nominal shelf plane."""
     right = ShelfPlane(1.4, -1.9, np.pi / 2 + 0.01, (0.0,))

@@ -1,37 +1,22 @@
 """Pallets that the image shows only in part: cut by its border, by the limit of a lens, or between two lenses."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import Phase, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from palletloc import LevelPose, Localizer, PalletModel, ShelfPlane, Shot, Start
 from palletloc.cameras import CameraModel, KannalaBrandt, Pinhole
 from palletloc.choices import CameraKind
-from palletloc.geometry import FloatArray, Image, LevelPose
-from palletloc.localizer import Localizer, Start
-from palletloc.pallet import PalletModel
-from palletloc.shelf import ShelfPlane
-from palletloc.shot import Shot
+from palletloc.geometry import FloatArray, Image
 from palletloc.synthetic.rig import camera_of
+from tests.palletloc.bad_input.drawn import HEIGHTS, Check, Scene, Scenes, few
+from tests.palletloc.poses import Pallets, Photograph
 
-Placed = tuple[PalletModel, LevelPose]
-Scene = tuple[Shot, tuple[Placed, ...], ShelfPlane]
-Scenes = Callable[[str], Scene]
-Photograph = Callable[..., Shot]
-Check = Callable[..., int]
-
-FEW = settings(max_examples=settings().max_examples * 5 // 100, phases=[Phase.generate])
-heights = pytest.mark.parametrize(
-    "known",
-    [True, pytest.param(True, marks=pytest.mark.slow), pytest.param(False, marks=pytest.mark.slow)],
-    ids=["level", "level-many", "free"],
-)
-"""Whether the levels are known; more examples are drawn with the slow tests."""
+FEW = few(5)
 SEAM = LevelPose(0.3, -0.08, 1.85, 0.0)
 """Where a camera of two lenses stands."""
 
@@ -67,7 +52,7 @@ def cropped(camera: CameraModel, image: Image, side: str, at: int) -> tuple[Came
 def measured(localizer: Callable[..., Localizer], faults: Callable[..., list[str]]) -> Check:
     """Return a function that checks the rows of a cut shot, detected and from right starts, and counts them."""
 
-    def checked(shot: Shot, pallets: tuple[Placed, ...], shelf: ShelfPlane, known: bool = True) -> int:
+    def checked(shot: Shot, pallets: Pallets, shelf: ShelfPlane, known: bool = True) -> int:
         found, levels = localizer(pallets), shelf.levels if known else ()
         starts = [Start(model.name, pose) for model, pose in pallets]
         given = found.explain_from(shot, starts, levels)
@@ -80,15 +65,14 @@ def measured(localizer: Callable[..., Localizer], faults: Callable[..., list[str
 
 def cut_by_border(scene: Scene, side: str, pallet: int, place: float, known: bool, measured: Check) -> int:
     shot, pallets, shelf = scene
-    points = face_points(*pallets[pallet])
-    pixels, valid = shot.camera.project(shot.mounting.to_camera.apply(points))
+    pixels, valid = shot.camera.project(shot.mounting.to_camera.apply(face_points(*pallets[pallet])))
     along = pixels[valid][:, 0 if side in ("left", "right") else 1]
     at = round(float(along.min() + place * np.ptp(along)))
     camera, image = cropped(shot.camera, shot.image, side, at)
-    return measured(replace(shot, image=image, camera=camera), pallets, shelf, known)
+    return int(measured(replace(shot, image=image, camera=camera), pallets, shelf, known))
 
 
-@heights
+@HEIGHTS
 @FEW
 @given(name=lenses, side=sides, pallet=which, place=places)
 def test_no_cut_by_the_border_gives_a_wrong_row(
@@ -113,10 +97,10 @@ def cut_by_lens(scene: Scene, pallet: int, place: float, black: bool, known: boo
     if black:
         columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
         image[~smaller.unproject(np.stack([columns, rows], axis=-1).astype(np.float64)).valid] = 0
-    return measured(replace(shot, image=image, camera=smaller), pallets, shelf, known)
+    return int(measured(replace(shot, image=image, camera=smaller), pallets, shelf, known))
 
 
-@heights
+@HEIGHTS
 @FEW
 @given(pallet=which, place=places, black=st.booleans())
 def test_no_cut_by_the_limit_of_the_lens_gives_a_wrong_row(
@@ -134,12 +118,7 @@ def test_a_lens_that_does_not_see_the_pallets_gives_no_row(scenes: Scenes, measu
     "across", [0.0, *(pytest.param(share, marks=pytest.mark.slow) for share in (-0.5, -0.35, -0.2, 0.2, 0.35, 0.5))]
 )
 def test_a_pallet_between_two_lenses_gives_no_wrong_row(
-    across: float,
-    pallet: int,
-    photograph: Photograph,
-    floor_pallets: tuple[Placed, ...],
-    scenes: Scenes,
-    measured: Check,
+    across: float, pallet: int, photograph: Photograph, floor_pallets: Pallets, scenes: Scenes, measured: Check
 ) -> None:
     model, pose = floor_pallets[pallet]
     x, y, _ = pose.transform().apply([0.0, across * model.width, 0.0])

@@ -1,40 +1,24 @@
 """Images that show nothing, too much or too little light, or the scene in another position than they should."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import cv2
 import numpy as np
 import pytest
-from hypothesis import Phase, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
-from palletloc.choices import Method
-from palletloc.geometry import Image, LevelPose
-from palletloc.localizer import Explanation, Localizer, Start
-from palletloc.pallet import PalletModel
-from palletloc.shelf import ShelfPlane
-from palletloc.shot import Shot
+from palletloc import Explanation, LevelPose, Localizer, Method, ShelfPlane, Shot, Start
+from palletloc.geometry import FloatArray, Image
+from tests.palletloc.bad_input.drawn import HEIGHTS, NAMES, Check, Faults, Scene, Scenes, few
+from tests.palletloc.poses import Makes, Pallets
 
-Placed = tuple[PalletModel, LevelPose]
-Scene = tuple[Shot, tuple[Placed, ...], ShelfPlane]
-Scenes = Callable[[str], Scene]
-Faults = Callable[..., list[str]]
-Makes = Callable[..., Localizer]
-Check = Callable[..., None]
-
-FEW = settings(max_examples=settings().max_examples * 4 // 100, phases=[Phase.generate])
-heights = pytest.mark.parametrize(
-    "known",
-    [True, pytest.param(True, marks=pytest.mark.slow), pytest.param(False, marks=pytest.mark.slow)],
-    ids=["level", "level-many", "free"],
-)
-"""Whether the levels are known; more examples are drawn with the slow tests."""
+FEW = few(4)
 refined = pytest.mark.parametrize("method", [Method.REFINED], ids=str, indirect=True)
 
-names = st.sampled_from(["floor", "rack", "fisheye", "pinhole"])
+names = st.sampled_from(NAMES)
 seeds = st.integers(0, 2**32 - 1)
 grays = st.integers(0, 255)
 colours = st.tuples(grays, grays, grays)
@@ -75,13 +59,10 @@ def looked_at(found: Localizer, image: Image, scene: Scene, known: bool = True) 
     shot, pallets, shelf = replace(scene[0], image=image), *scene[1:]
     levels = shelf.levels if known else ()
     starts = [Start(model.name, pose) for model, pose in pallets]
-    return [
-        found.explain(shot, replace(shelf, levels=levels)),
-        found.explain_from(shot, starts, levels),
-    ]
+    return [found.explain(shot, replace(shelf, levels=levels)), found.explain_from(shot, starts, levels)]
 
 
-@pytest.mark.parametrize("name", ["floor", "rack", "fisheye", "pinhole"])
+@pytest.mark.parametrize("name", NAMES)
 def test_the_law_is_not_kept_by_finding_nothing(name: str, scenes: Scenes, localizer: Makes, faults: Faults) -> None:
     scene = shot, pallets, _ = scenes(name)
     for explained in looked_at(localizer(pallets), shot.image, scene):
@@ -91,34 +72,28 @@ def test_the_law_is_not_kept_by_finding_nothing(name: str, scenes: Scenes, local
 
 
 @pytest.fixture(scope="session")
-def empty(scenes: Scenes, localizer: Makes, faults: Faults) -> Check:
-    """Return a function that checks that an image with nothing in it gives no row."""
+def spoiled(scenes: Scenes, localizer: Makes, faults: Faults) -> Check:
+    """Return a function that checks that a scene's image, made worse, gives no wrong row, or none if it is empty."""
 
-    def checked(name: str, make: Callable[[Image], Image], known: bool = True) -> None:
+    def checked(name: str, make: Callable[[Image], Image], known: bool = True, empty: bool = False) -> None:
         scene = shot, pallets, _ = scenes(name)
         for explained in looked_at(localizer(pallets), make(shot.image), scene, known):
-            assert faults(explained) == []
+            assert faults(explained, () if empty else pallets) == []
 
     return checked
 
 
 @pytest.fixture(scope="session")
-def spoiled(scenes: Scenes, localizer: Makes, faults: Faults) -> Check:
-    """Return a function that checks that a scene's image, made worse, gives no wrong row."""
-
-    def checked(name: str, make: Callable[[Image], Image], known: bool = True) -> None:
-        scene = shot, pallets, _ = scenes(name)
-        for explained in looked_at(localizer(pallets), make(shot.image), scene, known):
-            assert faults(explained, pallets) == []
-
-    return checked
+def empty(spoiled: Check) -> Check:
+    """Return a function that checks that an image with nothing in it gives no row."""
+    return partial(spoiled, empty=True)
 
 
 def filled(colour: tuple[int, int, int]) -> Callable[[Image], Image]:
     return lambda image: np.full_like(image, colour)
 
 
-@heights
+@HEIGHTS
 @FEW
 @given(name=names, colour=colours)
 def test_no_image_of_one_colour_gives_a_row(
@@ -132,21 +107,21 @@ def test_black_and_white_give_no_row_at_any_height(fill: int, empty: Check) -> N
     empty("pinhole", filled((fill, fill, fill)), known=False)
 
 
-@heights
+@HEIGHTS
 @FEW
 @given(name=names, grain=grains, blocks=st.booleans(), seed=seeds)
 def test_noise_gives_no_row(empty: Check, known: bool, name: str, grain: float, blocks: bool, seed: int) -> None:
     empty(name, lambda image: noise(image.shape, grain, blocks, seed), known)
 
 
-@heights
+@HEIGHTS
 @FEW
 @given(name=names, stops=stops)
 def test_no_light_gives_a_wrong_row(spoiled: Check, known: bool, name: str, stops: float) -> None:
     spoiled(name, lambda image: exposed(image, stops), known)
 
 
-@heights
+@HEIGHTS
 @FEW
 @given(name=names, fill=grays, begin=parts, share=st.floats(0.02, 0.9), upright=st.booleans())
 def test_no_lost_band_of_an_image_gives_a_wrong_row(
@@ -182,13 +157,110 @@ def test_glaring_light_gives_no_wrong_row(spoiled: Check) -> None:
 @refined
 @pytest.mark.parametrize(
     ("fill", "begin", "share", "known"),
-    [
-        pytest.param(249, 0.4638, 0.4638, True, id="level"),
-        pytest.param(255, 0.625, 0.452, False, id="free"),
-    ],
+    [pytest.param(249, 0.4638, 0.4638, True, id="level"), pytest.param(255, 0.625, 0.452, False, id="free")],
 )
 @known_to_be_wrong("the end of a band stands in for a side: with the level, a confident row 72 mm off, at 27 sigmas")
 def test_a_band_that_ends_beside_a_pallet_gives_no_wrong_row(
     fill: int, begin: float, share: float, known: bool, spoiled: Check
 ) -> None:
     spoiled("fisheye", lambda image: washed_out(image, fill, begin, share, True), known)
+
+
+# Images that are mirrored, upside down or turned: what they show is not where they say.
+
+FLIPS = {"mirrored": (1, -1), "upside_down": (-1, 1), "half_turn": (-1, -1)}
+"""Order of the rows and of the columns."""
+MAX_START_TURN = 20.0
+"""How far a start's yaw may be off, in degrees: pallets turned by less together with all else cannot be told."""
+
+tilts = st.floats(10.0, 350.0)
+turns = st.floats(2 * MAX_START_TURN, 360.0 - 2 * MAX_START_TURN)
+lenses = st.sampled_from(["fisheye", "pinhole"])
+
+
+def rotated(image: Image, turn_deg: float) -> Image:
+    """Return the image turned about its middle, black where nothing is."""
+    rows, columns = image.shape[:2]
+    matrix = cv2.getRotationMatrix2D(((columns - 1) / 2, (rows - 1) / 2), turn_deg, 1.0)
+    return np.asarray(cv2.warpAffine(image, matrix, (columns, rows)), np.uint8)
+
+
+def flipped(image: Image, flip: str) -> Image:
+    rows, columns = FLIPS[flip]
+    return np.ascontiguousarray(image[::rows, ::columns])
+
+
+def flip_of(shot: Shot, flip: str) -> FloatArray:
+    """Return the (4, 4) matrix that moves points in the forklift frame to where a flipped image shows them."""
+    up, left = FLIPS[flip]
+    forklift_from_camera = shot.mounting.forklift_from_camera.as_matrix()
+    return np.asarray(forklift_from_camera @ np.diag([1.0, left, up, 1.0]) @ np.linalg.inv(forklift_from_camera))
+
+
+def seen_in(shot: Shot, pallets: Pallets, flip: str) -> Pallets:
+    """Return where a flipped image shows the pallets: what is upside down begins where it ended."""
+    seen = []
+    for model, pose in pallets:
+        matrix = flip_of(shot, flip) @ pose.matrix()
+        x, y, z = (matrix @ [0.0, 0.0, model.height if FLIPS[flip][0] < 0 else 0.0, 1.0])[:3].tolist()
+        seen.append((model, LevelPose(x, y, z, float(np.arctan2(matrix[1, 0], matrix[0, 0])))))
+    return tuple(seen)
+
+
+def shelf_in(shot: Shot, shelf: ShelfPlane, flip: str) -> ShelfPlane:
+    """Return where a flipped image shows the shelf."""
+    flips = flip_of(shot, flip)
+    x, y = (flips @ [shelf.x, shelf.y, 0.0, 1.0])[:2].tolist()
+    across, along = flips[:2, :2] @ [np.cos(shelf.facing), np.sin(shelf.facing)]
+    return replace(shelf, x=x, y=y, facing=float(np.arctan2(along, across)))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_mirrored_image_gives_no_wrong_row_where_the_shelf_was(name: str, spoiled: Check) -> None:
+    spoiled(name, lambda image: flipped(image, "mirrored"))
+
+
+@pytest.mark.parametrize("name", ["floor", "fisheye", "pinhole"])  # "rack" has a level near a pallet's mirror image
+@pytest.mark.parametrize("flip", ["upside_down", "half_turn"])
+def test_an_upside_down_image_gives_no_wrong_row(name: str, flip: str, spoiled: Check) -> None:
+    spoiled(name, lambda image: flipped(image, flip))
+
+
+@pytest.mark.parametrize("name", ["fisheye", "pinhole"])  # mounted with little roll: its mirror image is a tilt
+def test_a_mirrored_image_gives_no_wrong_row_where_the_shelf_would_be_mirrored(
+    name: str, scenes: Scenes, localizer: Makes, faults: Faults
+) -> None:
+    shot, pallets, shelf = scenes(name)
+    seen, mirrored = seen_in(shot, pallets, "mirrored"), replace(shot, image=flipped(shot.image, "mirrored"))
+    found = localizer(pallets)
+    starts = [Start(model.name, pose) for model, pose in seen]
+    assert faults(found.explain_from(mirrored, starts, shelf.levels), seen) == []
+    assert faults(found.explain(mirrored, shelf_in(shot, shelf, "mirrored")), seen) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("flip", FLIPS)
+def test_at_any_height_a_flipped_image_gives_only_rows_that_are_right_in_it(
+    flip: str, name: str, scenes: Scenes, localizer: Makes, faults: Faults
+) -> None:
+    shot, pallets, shelf = scenes(name)
+    turned = replace(shot, image=flipped(shot.image, flip))
+    explained = localizer(pallets).explain(turned, replace(shelf, levels=()))
+    assert faults(explained, pallets + seen_in(shot, pallets, flip)) == []
+
+
+@HEIGHTS
+@FEW
+@given(name=lenses, turn_deg=tilts)
+def test_no_turn_about_the_lens_gives_a_wrong_row(spoiled: Check, name: str, turn_deg: float, known: bool) -> None:
+    spoiled(name, lambda image: rotated(image, turn_deg), known)
+
+
+@HEIGHTS
+@FEW
+@given(name=st.sampled_from(["floor", "rack"]), turn_deg=turns)
+def test_no_turn_about_the_vertical_gives_a_wrong_row(
+    spoiled: Check, name: str, turn_deg: float, known: bool
+) -> None:
+    spoiled(name, lambda image: np.roll(image, round(turn_deg / 360 * image.shape[1]), axis=1), known)

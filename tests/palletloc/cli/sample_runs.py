@@ -38,24 +38,27 @@ def without_images(folder: Path) -> Path:
     return folder
 
 
+def true_poses(folder: Path, time: float) -> dict[str, LevelPose]:
+    """Return ``forklift_from_pallet`` of each pallet of a recording."""
+    truth = read_truth(folder)
+    forklift_from_world = truth.forklift.pose_at(time).transform().inv()
+    poses = {pallet.id: forklift_from_world * pallet.world_from_pallet.transform() for pallet in truth.pallets}
+    return {name: level_pose(pose) for name, pose in poses.items()}
+
+
 def write_run(folder: Path, depth: float = 0.003, yaw: float = 0.002, false: bool = False) -> Path:
     """Write a run that finds every pallet of the sample in every shot, each too deep and turned by the same amounts.
 
     ``false`` adds an estimate to each shot where no pallet stands.
     """
-    truth, rows = read_truth(SAMPLE), []
+    models, rows = [pallet.model for pallet in read_truth(SAMPLE).pallets], []
     off = LevelPose(depth, 0.0, 0.0, yaw).transform()
     for shot in read_recording(SAMPLE).shots:
-        forklift_from_world = truth.forklift.pose_at(shot.time).transform().inv()
-        poses = [
-            level_pose(forklift_from_world * pallet.world_from_pallet.transform() * off) for pallet in truth.pallets
-        ]
-        models = [pallet.model for pallet in truth.pallets]
-        if false:
-            poses, models = [*poses, LevelPose(9.0, 9.0, 0.0, 0.0)], [*models, models[0]]
+        poses = [level_pose(pose.transform() * off) for pose in true_poses(SAMPLE, shot.time).values()]
+        poses += [LevelPose(9.0, 9.0, 0.0, 0.0)] * false
         rows += [
             PalletMeasurement(shot.time, model, pose, SIGMA**2 * np.eye(4), 0.9, YawSource.FACE, shot.file)
-            for model, pose in zip(models, poses, strict=True)
+            for model, pose in zip([*models, models[0]], poses, strict=False)
         ]
     folder.mkdir(parents=True)
     write_measurements(folder / "measurements.csv", rows)
@@ -98,6 +101,11 @@ def write_survey(recording: Path, stops: Mapping[str, float], shift: float = 0.0
 def evaluate(recording: Path, out: Path, *options: str | Path) -> int:
     """Run ``palletloc evaluate`` over a recording and return its exit code."""
     return run(["evaluate", str(recording), "--out", str(out), *map(str, options)])
+
+
+def estimates(*folders: Path) -> list[str | Path]:
+    """Return the options that name the runs to evaluate."""
+    return [part for folder in folders for part in ("--estimate", folder)]
 
 
 def read_metrics(out: Path) -> Any:

@@ -7,30 +7,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-import palletloc.report.evaluation_page
 from palletloc.evaluation.recording import ERROR_COLUMNS
 from palletloc.io.recording import read_recording
 from palletloc.io.truth import read_truth
 from tests.palletloc.cli.sample_runs import (
     SAMPLE,
     SIGMA,
+    estimates,
     evaluate,
     read_metrics,
     with_tracks,
-    without_images,
     write_run,
 )
 
-
-@pytest.fixture(autouse=True)
-def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave the page empty, which takes most of the time and has tests of its own."""
-    monkeypatch.setattr(palletloc.report.evaluation_page, "evaluation_page", lambda *_, **__: "")
-
-
-@pytest.fixture
-def recording(tmp_path: Path) -> Path:
-    return without_images(tmp_path / "recording")
+Refused = Callable[..., str]
+pytestmark = pytest.mark.usefixtures("undrawn")
 
 
 def test_known_errors_come_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -64,16 +55,13 @@ def test_the_table_of_errors_has_every_estimate(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("option", "verdicts"),
-    [
-        (("--requirement-mm", "2"), {"depth": "not_met", "yaw": "undecided", "together": "not_met"}),
-        (("--requirement-yaw-deg", "0.1"), {"depth": "undecided", "yaw": "not_met", "together": "not_met"}),
-    ],
+    ("option", "depth", "yaw"),
+    [("--requirement-mm=2", "not_met", "undecided"), ("--requirement-yaw-deg=0.1", "undecided", "not_met")],
 )
-def test_the_requirement_is_the_users(tmp_path: Path, option: tuple[str, str], verdicts: dict[str, str]) -> None:
-    assert evaluate(SAMPLE, tmp_path / "out", "--estimate", write_run(tmp_path / "run"), *option) == 0
+def test_the_requirement_is_the_users(tmp_path: Path, option: str, depth: str, yaw: str) -> None:
+    assert evaluate(SAMPLE, tmp_path / "out", "--estimate", write_run(tmp_path / "run"), option) == 0
     check = read_metrics(tmp_path / "out")["runs"][0]["sources"]["measurements"]["requirement"]
-    assert {name: check[name]["verdict"] for name in verdicts} == verdicts
+    assert [check[name]["verdict"] for name in ("depth", "yaw", "together")] == [depth, yaw, "not_met"]
 
 
 def test_range_and_pairing_are_stated_and_used(tmp_path: Path) -> None:
@@ -133,29 +121,20 @@ def late(text: str) -> str:
     ],
 )
 def test_bad_input_is_one_line_and_nothing_is_written(
-    tmp_path: Path,
-    recording: Path,
-    fault: Callable[[Path, Path], None],
-    told: list[str],
-    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path, recording: Path, fault: Callable[[Path, Path], None], told: list[str], refused: Refused
 ) -> None:
     folder = with_tracks(write_run(tmp_path / "run"))
     fault(recording, folder)
-    assert evaluate(recording, tmp_path / "out", "--estimate", folder) == 1
-    (line,) = capsys.readouterr().err.splitlines()
+    line = refused("evaluate", recording, "--out", tmp_path / "out", "--estimate", folder)
     assert all(part in line for part in told), line
     assert not (tmp_path / "out").exists()
 
 
-def test_a_run_without_measurements_or_given_twice_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_run_without_measurements_or_given_twice_is_refused(tmp_path: Path, refused: Refused) -> None:
     (tmp_path / "empty").mkdir()
-    assert evaluate(SAMPLE, tmp_path / "out", "--estimate", tmp_path / "empty") == 1
-    assert "measurements.csv: no such file" in capsys.readouterr().err
-    folder = write_run(tmp_path / "run")
-    assert evaluate(SAMPLE, tmp_path / "out", "--estimate", folder, "--estimate", folder) == 1
-    assert "given twice" in capsys.readouterr().err
+    folder, command = write_run(tmp_path / "run"), ("evaluate", SAMPLE, "--out", tmp_path / "out", "--estimate")
+    assert "measurements.csv: no such file" in refused(*command, tmp_path / "empty")
+    assert "given twice" in refused(*command, folder, "--estimate", folder)
 
 
 def test_a_shot_without_truth_is_left_out_and_said(
@@ -185,8 +164,8 @@ def test_runs_are_compared_with_the_first_shot_by_shot(tmp_path: Path, capsys: p
     folders = [write_run(tmp_path / name, depth) for name, depth in (("one", 0.004), ("two", -0.001))]
     lines = (folders[1] / "measurements.csv").read_text().splitlines()
     (folders[1] / "measurements.csv").write_text("\n".join(lines[:-1]) + "\n")
-    options = [part for folder in folders for part in ("--estimate", folder)]
-    assert evaluate(SAMPLE, tmp_path / "out", *options, "--max-range", "50") == 0
+    options = [*estimates(*folders), "--max-range", "50"]
+    assert evaluate(SAMPLE, tmp_path / "out", *options) == 0
     (compared,) = read_metrics(tmp_path / "out")["comparisons"]
     assert (compared["first"], compared["second"], compared["source"]) == ("one", "two", "measurements")
     first, second = (
@@ -198,14 +177,13 @@ def test_runs_are_compared_with_the_first_shot_by_shot(tmp_path: Path, capsys: p
     assert (depth["smaller"], depth["larger"]) == (second, 0)
     assert "against one" in capsys.readouterr().out
     again = (tmp_path / "out" / "metrics.json").read_bytes()
-    assert evaluate(SAMPLE, tmp_path / "out", *options, "--max-range", "50") == 0
+    assert evaluate(SAMPLE, tmp_path / "out", *options) == 0
     assert (tmp_path / "out" / "metrics.json").read_bytes() == again
 
 
 def test_folders_of_one_name_are_told_apart(tmp_path: Path) -> None:
     folders = [write_run(tmp_path / name / "out") for name in ("a", "b")]
-    options = [part for folder in folders for part in ("--estimate", folder)]
-    assert evaluate(SAMPLE, tmp_path / "results", *options) == 0
+    assert evaluate(SAMPLE, tmp_path / "results", *estimates(*folders)) == 0
     names = [each["name"] for each in read_metrics(tmp_path / "results")["runs"]]
     assert names == [str(folder) for folder in folders]
 
@@ -222,8 +200,7 @@ def keys_of(document: Any) -> set[str]:
 
 def test_every_key_of_the_metrics_is_documented(tmp_path: Path) -> None:
     folders = [with_tracks(write_run(tmp_path / name)) for name in ("one", "two")]
-    options = [part for folder in folders for part in ("--estimate", folder)]
-    assert evaluate(SAMPLE, tmp_path / "out", *options) == 0
+    assert evaluate(SAMPLE, tmp_path / "out", *estimates(*folders)) == 0
     page = (Path(__file__).parents[3] / "docs" / "evaluation.md").read_text(encoding="utf-8")
     section = page.partition("## metrics.json")[2]
     told = {word for cell in re.findall(r"`([\w.]+)`", section) for word in cell.split(".")}

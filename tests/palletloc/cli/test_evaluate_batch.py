@@ -1,7 +1,7 @@
 import json
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from html import unescape
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from palletloc.evaluation.run import Settings
 from palletloc.io.recording import read_recording
 from tests.palletloc.cli.sample_runs import SAMPLE, without_images, write_run
 
+Refused = Callable[..., str]
 DEPTHS = {"a": 0.001, "b": 0.003, "c": 0.005}
 
 
@@ -42,8 +43,8 @@ def scheduler(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
         assert cluster.scheduler.status.name == "running"
 
 
-def batch(recordings: Path, out: Path, *options: str) -> int:
-    return run(["evaluate", "--batch", str(recordings), "--estimate", "run", "--out", str(out), *options])
+def batch_command(recordings: Path, out: Path, *options: str) -> list[str]:
+    return ["evaluate", "--batch", str(recordings), "--estimate", "run", "--out", str(out), *options]
 
 
 def read(path: Path) -> Any:
@@ -79,12 +80,10 @@ def test_a_folder_without_recordings_is_refused(tmp_path: Path) -> None:
 
 
 def test_without_dask_one_line_says_what_to_install(
-    recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refused: Refused
 ) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
-    assert batch(recordings, tmp_path / "out") == 1
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "palletloc[batch]" in line
+    assert "palletloc[batch]" in refused(*batch_command(recordings, tmp_path / "out"))
     assert not (tmp_path / "out").exists()
 
 
@@ -111,7 +110,7 @@ def test_one_failure_does_not_stop_the_rest(
         (out / "b" / before).write_text("from before")
     (recordings / "b" / "truth" / "pallets.csv").unlink()
     (recordings / "c").rename(recordings / "c & d")
-    assert batch(recordings, out, "--scheduler", scheduler, "--no-pictures") == 1
+    assert run(batch_command(recordings, out, "--scheduler", scheduler, "--no-pictures")) == 1
     document = read(out / "batch.json")
     assert [part["name"] for part in document["recordings"]] == ["a", "b", "c & d"]
     assert [part["problem"] is None for part in document["recordings"]] == [True, False, True]
@@ -145,7 +144,7 @@ def test_one_failure_does_not_stop_the_rest(
 @pytest.mark.slow
 def test_two_workers_evaluate_all(recordings: Path, tmp_path: Path) -> None:
     pytest.importorskip("distributed")
-    assert batch(recordings, tmp_path / "out", "--workers", "2", "--no-pictures") == 0
+    assert run(batch_command(recordings, tmp_path / "out", "--workers", "2", "--no-pictures")) == 0
     document = read(tmp_path / "out" / "batch.json")
     assert [part["problem"] for part in document["recordings"]] == [None] * 3
     for name in DEPTHS:
@@ -163,15 +162,15 @@ def test_if_nothing_can_be_evaluated_nothing_is_written(
 ) -> None:
     for name in DEPTHS:
         (recordings / name / "truth" / "pallets.csv").unlink()
-    assert batch(recordings, tmp_path / "out", "--scheduler", scheduler) == 1
+    assert run(batch_command(recordings, tmp_path / "out", "--scheduler", scheduler)) == 1
     assert "none of 3 recordings can be evaluated" in capsys.readouterr().err.splitlines()[-1]
     assert not (tmp_path / "out").exists()
 
 
 def test_a_scheduler_that_is_not_there_is_one_line(
-    recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refused: Refused
 ) -> None:
     pytest.importorskip("distributed")
     monkeypatch.setattr("palletloc.evaluation.batch.CONNECT_TIMEOUT", 0.5)
-    assert batch(recordings, tmp_path / "out", "--scheduler", "tcp://127.0.0.1:1") == 1
-    assert capsys.readouterr().err.splitlines()[-1].startswith("palletloc: --scheduler tcp://127.0.0.1:1: cannot be")
+    told = refused(*batch_command(recordings, tmp_path / "out", "--scheduler", "tcp://127.0.0.1:1"))
+    assert told.startswith("--scheduler tcp://127.0.0.1:1: cannot be")

@@ -1,5 +1,6 @@
 import base64
 import re
+from collections.abc import Callable
 from html import escape
 from html.parser import HTMLParser
 from pathlib import Path
@@ -11,10 +12,14 @@ import yaml
 
 import palletloc.report.evaluation_page
 import palletloc.report.worst_shots
-from palletloc.errors import PalletLocError
-from palletloc.io.recording import read_recording
+from palletloc import Method, PalletLocError, PalletMeasurement, read_recording
+from palletloc.cli.app import run
+from palletloc.io.measurements import NoPose, read_measurements, write_measurements
 from palletloc.io.truth import read_truth
+from palletloc.report.worst_shots import run_method
 from tests.palletloc.cli.sample_runs import SAMPLE, evaluate, read_metrics, without_images, write_run, write_survey
+
+Refused = Callable[..., str]
 
 
 class Elements(HTMLParser):
@@ -35,11 +40,6 @@ class Elements(HTMLParser):
 
     def handle_endtag(self, tag: str) -> None:
         assert self.open.pop() == tag
-
-
-@pytest.fixture
-def recording(tmp_path: Path) -> Path:
-    return without_images(tmp_path / "recording")
 
 
 @pytest.fixture(scope="module")
@@ -75,10 +75,8 @@ def move_stops(recording: Path, by: float) -> None:
     plan.write_text(yaml.safe_dump(spec))
 
 
-def test_the_report_needs_nothing_but_itself_and_all_of_its_pictures_open(
-    tmp_path: Path, estimate: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(palletloc.report.worst_shots, "WORST", 1)
+@pytest.mark.usefixtures("only_the_worst")
+def test_the_report_needs_nothing_but_itself_and_all_of_its_pictures_open(tmp_path: Path, estimate: Path) -> None:
     assert evaluate(SAMPLE, tmp_path / "out", "--estimate", estimate) == 0
     page = page_of(tmp_path / "out")
     elements = Elements(page)
@@ -158,39 +156,28 @@ def test_a_survey_alone_is_truth_enough_for_its_stops(tmp_path: Path, recording:
 
 
 def test_a_survey_of_another_site_or_other_stops_is_refused(
-    tmp_path: Path, recording: Path, estimate: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, recording: Path, estimate: Path, refused: Refused
 ) -> None:
+    command = ("evaluate", recording, "--out", tmp_path / "out", "--estimate", estimate)
     survey(recording, shift=1.5)
-    assert evaluate(recording, tmp_path / "out", "--estimate", estimate) == 1
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "survey.yaml: stop 'S1'" in line
-    assert "another site" in line
+    assert re.search(r"survey\.yaml: stop 'S1'.*another site", refused(*command))
     (recording / "truth" / "forklift.csv").unlink()
     move_stops(recording, 0.5)
-    assert evaluate(recording, tmp_path / "out", "--estimate", estimate) == 1
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "no shot within 0.01 s of a stop" in line
+    assert "no shot within 0.01 s of a stop" in refused(*command)
     move_stops(recording, 900.0)
-    assert evaluate(recording, tmp_path / "out", "--estimate", estimate) == 1
-    (line,) = capsys.readouterr().err.splitlines()
-    assert re.search(r"survey\.yaml: stops from 900[.\d]* s to 901[.\d]* s, shots from 0 s to 6\.4 s: expected", line)
+    said = r"survey\.yaml: stops from 900[.\d]* s to 901[.\d]* s, shots from 0 s to 6\.4 s: expected"
+    assert re.search(said, refused(*command))
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_stop_without_a_shot_is_told(
-    tmp_path: Path,
-    recording: Path,
-    estimate: Path,
-    surveyed: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path, recording: Path, estimate: Path, surveyed: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(palletloc.report.evaluation_page, "evaluation_page", lambda *_, **__: "")
     survey(recording, without_shot=True)
     assert evaluate(recording, tmp_path / "out", "--estimate", estimate) == 0
-    note = re.search(
-        r"stop 'S3': the nearest shot is 0\.\d+ s away, not 0\.01 s; see --stop-limit", capsys.readouterr().out
-    )
+    told = r"stop 'S3': the nearest shot is 0\.\d+ s away, not 0\.01 s; see --stop-limit"
+    note = re.search(told, capsys.readouterr().out)
     assert note is not None
     assert note[0] in read_metrics(tmp_path / "out")["truth"]["survey"]["notes"]
     assert escape(note[0]) in page_of(surveyed)
@@ -213,24 +200,68 @@ def test_the_report_says_how_good_the_survey_is(surveyed: Path) -> None:
     assert across * 0.5 < bodies["body 'A'"]["yaw_sigma_deg"] <= 1.001 * across
 
 
-def test_a_pallet_turned_otherwise_than_surveyed_is_refused(
-    tmp_path: Path, recording: Path, estimate: Path, capsys: pytest.CaptureFixture[str]
+def test_a_pallet_turned_otherwise_than_surveyed_or_not_in_the_table_is_refused(
+    tmp_path: Path, recording: Path, estimate: Path, refused: Refused
 ) -> None:
     survey(recording)
     path = recording / "truth" / "pallets.csv"
-    lines = path.read_text().splitlines()
-    for yaw, told in (("0.9", "are their angles in radians"), ("88.2", "line 2: yaw_rad: expected radians")):
-        path.write_text("\n".join([lines[0], lines[1].rpartition(",")[0] + "," + yaw, *lines[2:]]) + "\n")
-        assert evaluate(recording, tmp_path / "out", "--estimate", estimate) == 1
-        (line,) = capsys.readouterr().err.splitlines()
-        assert told in line
+    header, first, *others = path.read_text().splitlines()
+    turned = [[header, f"{first.rpartition(',')[0]},{yaw}", *others] for yaw in ("0.9", "88.2")]
+    for lines, told in (
+        (turned[0], "are their angles in radians"),
+        (turned[1], "line 2: yaw_rad: expected radians"),
+        ([header, first, *others[:-1]], "is not in pallets.csv"),
+    ):
+        path.write_text("\n".join(lines) + "\n")
+        assert told in refused("evaluate", recording, "--out", tmp_path / "out", "--estimate", estimate)
 
 
-def test_a_surveyed_pallet_that_is_not_in_the_table_is_refused(
-    tmp_path: Path, recording: Path, estimate: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    survey(recording)
-    path = recording / "truth" / "pallets.csv"
-    path.write_text("\n".join(path.read_text().splitlines()[:-1]) + "\n")
-    assert evaluate(recording, tmp_path / "out", "--estimate", estimate) == 1
-    assert "is not in pallets.csv" in capsys.readouterr().err
+@pytest.fixture
+def only_the_worst(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Show a single shot, to be fast."""
+    monkeypatch.setattr(palletloc.report.worst_shots, "WORST", 1)
+
+
+@pytest.fixture(scope="module")
+def localized(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the pallets on the floor by a method that takes their yaw from a horizontal view."""
+    folder = tmp_path_factory.mktemp("localized") / "run"
+    assert run(["localize", str(SAMPLE), "--out", str(folder), "--method", "horizontal_plane"]) == 0
+    write_measurements(
+        folder / "measurements.csv", [row for row in poses(folder) if row.forklift_from_pallet.z < 0.5]
+    )
+    return folder
+
+
+def poses(folder: Path) -> list[PalletMeasurement]:
+    return [row for row in read_measurements(folder / "measurements.csv") if not isinstance(row, NoPose)]
+
+
+def report(estimate: Path, out: Path) -> str:
+    assert evaluate(SAMPLE, out, "--estimate", estimate) == 0
+    return (out / "report.html").read_text(encoding="utf-8")
+
+
+def folds(page: str) -> list[str]:
+    return re.findall(r"<details.*?</details>", page, flags=re.DOTALL)
+
+
+@pytest.mark.usefixtures("only_the_worst")
+def test_the_worst_shots_come_with_every_stage_of_the_run_s_own_method(localized: Path, tmp_path: Path) -> None:
+    page = report(localized, tmp_path / "out")
+    assert len(page) < 4e6
+    (part,) = folds(page)
+    name = re.findall(r"method horizontal_plane on the way to (P\d)\.", part)[0]
+    captions = re.findall(r"<figcaption>(.*?)</figcaption>", part)
+    assert captions[0] == "Where pallets were looked for, and where they were found."
+    assert [caption.split(": ")[1].split()[0] for caption in captions[1:]] == ["yaw", "position", "front"]
+    assert all(caption.startswith(f"{name}: ") for caption in captions[1:])
+    assert part.count("data:image/jpeg;base64,") == len(captions) == 4
+
+
+def test_a_folder_that_tells_no_method_has_none(tmp_path: Path, localized: Path) -> None:
+    assert run_method(localized) is Method.HORIZONTAL_PLANE
+    assert run_method(tmp_path) is None
+    for text in ("", "[]", '{"run": {"method": "guess"}}', '{"run": null}'):
+        (tmp_path / "run.json").write_text(text)
+        assert run_method(tmp_path) is None

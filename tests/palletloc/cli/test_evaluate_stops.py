@@ -6,12 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-import palletloc.report.evaluation_page
 from palletloc.geometry import FloatArray, LevelPose, level_pose
 from palletloc.io.measurements import write_measurements
 from palletloc.io.truth import read_truth
 from palletloc.measurement import PalletMeasurement, YawSource
-from tests.palletloc.cli.sample_runs import SAMPLE, evaluate, read_metrics, without_images, write_survey
+from tests.palletloc.cli.sample_runs import SAMPLE, evaluate, read_metrics, true_poses, without_images, write_survey
 
 STOPS = {"S1": 2.694737, "S2": 5.389474}
 REPEATS, BETWEEN = 6, 0.2
@@ -43,15 +42,14 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def estimate(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    truth, rows = read_truth(SAMPLE), []
-    for stop, stood in STOPS.items():
-        forklift_from_world = truth.forklift.pose_at(stood).transform().inv()
-        for pallet in truth.pallets:
-            true = forklift_from_world * pallet.world_from_pallet.transform()
-            for time, error in zip(times_at(stop), errors_at(stop, pallet.id), strict=True):
-                pose = level_pose(true * LevelPose(*error).transform())
-                covariance = np.diag(SCATTER**2)
-                rows.append(PalletMeasurement(time, pallet.model, pose, covariance, 0.9, YawSource.FACE, "a.jpg"))
+    models = {pallet.id: pallet.model for pallet in read_truth(SAMPLE).pallets}
+    rows = [
+        PalletMeasurement(time, models[name], pose, np.diag(SCATTER**2), 0.9, YawSource.FACE, "a.jpg")
+        for stop, stood in STOPS.items()
+        for name, true in true_poses(SAMPLE, stood).items()
+        for time, error in zip(times_at(stop), errors_at(stop, name), strict=True)
+        for pose in [level_pose(true.transform() * LevelPose(*error).transform())]
+    ]
     folder = tmp_path_factory.mktemp("run")
     write_measurements(folder / "measurements.csv", rows)
     return folder
@@ -88,21 +86,14 @@ def test_every_shot_of_a_stop_is_a_repetition(evaluated: Path) -> None:
 def test_the_report_has_a_row_for_each_stop_with_its_repeatability(evaluated: Path) -> None:
     page = (evaluated / "report.html").read_text(encoding="utf-8")
     for stop in stops_of(evaluated):
-        cells = [
-            stop["stop"],
-            stop["pallet"],
-            str(REPEATS),
-            f"{1000 * stop['ap_m']:.1f}",
-            f"{1000 * stop['rp_m']:.1f}",
-        ]
+        numbers = (1000 * stop[name] for name in ("ap_m", "rp_m"))
+        cells = [stop["stop"], stop["pallet"], str(REPEATS), *(f"{number:.1f}" for number in numbers)]
         row = "".join(f'<td class="text">{cell}</td>' for cell in cells[:2])
         assert row + "".join(f"<td>{cell}</td>" for cell in cells[2:]) in page
 
 
-def test_the_limit_says_which_shots_belong_to_a_stop(
-    tmp_path: Path, recording: Path, estimate: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(palletloc.report.evaluation_page, "evaluation_page", lambda *_, **__: "")
+@pytest.mark.usefixtures("undrawn")
+def test_the_limit_says_which_shots_belong_to_a_stop(tmp_path: Path, recording: Path, estimate: Path) -> None:
     assert evaluate(recording, tmp_path / "out", "--estimate", estimate, "--stop-limit", "0.11") == 0
     assert {stop["n"] for stop in stops_of(tmp_path / "out")} == {2}
     assert evaluate(recording, tmp_path / "none", "--estimate", estimate, "--stop-limit", "0.05") == 1

@@ -1,6 +1,6 @@
 import json
 import shutil
-from importlib.resources import files
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +10,9 @@ import pytest
 
 from palletloc.cli.app import run
 from palletloc.io.recording import read_recording
-from palletloc.io.truth import read_truth
+from tests.palletloc.cli.sample_runs import SAMPLE, true_poses
 
-SAMPLE = Path(str(files("palletloc") / "sample"))
+Refused = Callable[..., str]
 SHOT = 5
 
 
@@ -22,16 +22,15 @@ def initial_file(folder: Path, rows: list[str]) -> Path:
     return path
 
 
+def explain(out: Path, initial: Path, *options: str) -> int:
+    return run(["explain", str(SAMPLE), "--shot", str(SHOT), "--out", str(out), "--initial", str(initial), *options])
+
+
 def row_beside(pallet: str, shift: float) -> str:
     """Return a start near a true pallet of the sample's last shot, moved along x."""
-    shot, truth = read_recording(SAMPLE).shots[SHOT], read_truth(SAMPLE)
-    (true,) = (one for one in truth.pallets if one.id == pallet)
-    forklift = truth.forklift.pose_at(shot.time)
-    dx, dy = true.world_from_pallet.x - forklift.x, true.world_from_pallet.y - forklift.y
-    cos, sin = np.cos(forklift.yaw), np.sin(forklift.yaw)
-    x, y = cos * dx + sin * dy + shift, cos * dy - sin * dx
-    yaw = true.world_from_pallet.yaw - forklift.yaw
-    return f"{shot.time},t11-plastic,{x:.4f},{y:.4f},{true.world_from_pallet.z},{yaw:.5f}"
+    time = read_recording(SAMPLE).shots[SHOT].time
+    pose = true_poses(SAMPLE, time)[pallet]
+    return f"{time},t11-plastic,{pose.x + shift:.4f},{pose.y:.4f},{pose.z},{pose.yaw:.5f}"
 
 
 @pytest.fixture(scope="module")
@@ -41,8 +40,7 @@ def from_start(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in ("4-face-P9.png", "3-search-C9.png", "notes.txt", "4-face-P9.txt"):
         (folder / name).write_text("from before")
     initial = initial_file(folder, [row_beside("A", 0.02)])
-    arguments = ["explain", str(SAMPLE), "--shot", str(SHOT), "--out", str(folder), "--initial", str(initial)]
-    assert run([*arguments, "--method", "horizontal_plane"]) == 0
+    assert explain(folder, initial, "--method", "horizontal_plane") == 0
     return folder
 
 
@@ -52,22 +50,12 @@ def numbers(from_start: Path) -> dict[str, Any]:
     return document
 
 
-def test_the_pictures_of_all_stages_are_there(from_start: Path) -> None:
+def test_the_pictures_of_all_stages_are_there_and_listed(from_start: Path, numbers: dict[str, Any]) -> None:
     made = sorted(path.name for path in from_start.iterdir() if path.suffix in (".png", ".jpg"))
-    assert made == [
-        "2-yaw-P1.png",
-        "3-position-P1.png",
-        "4-face-P1.png",
-        "5-overlay-whole.jpg",
-        "5-overlay.jpg",
-        "6-plan.png",
-    ]
+    overlays = ["5-overlay-whole.jpg", "5-overlay.jpg"]
+    assert made == ["2-yaw-P1.png", "3-position-P1.png", "4-face-P1.png", *overlays, "6-plan.png"]
     assert all(cv2.imread(str(from_start / name)) is not None for name in made)
-
-
-def test_the_numbers_list_the_pictures(from_start: Path, numbers: dict[str, Any]) -> None:
-    listed = {picture["file"] for picture in numbers["pictures"]}
-    assert listed == {path.name for path in from_start.iterdir() if path.suffix in (".png", ".jpg")}
+    assert {picture["file"] for picture in numbers["pictures"]} == set(made)
 
 
 def test_only_pictures_of_ours_are_replaced(from_start: Path) -> None:
@@ -104,19 +92,19 @@ def test_detections_are_explained_with_the_shelf(
     monkeypatch.setenv("COLUMNS", "120")
     assert run(["explain", str(SAMPLE), "--shot", "0", "--out", str(tmp_path / "new" / "folder")]) == 0
     document = json.loads((tmp_path / "new" / "folder" / "explain.json").read_text())
-    refused = [one for one in document["candidates"] if "refused" in one]
+    refused = [candidate for candidate in document["candidates"] if "refused" in candidate]
     printed = capsys.readouterr().out
     assert sum(line.split()[:1] in (["P1"], ["P2"], ["P3"]) for line in printed.splitlines()) == document["pallets"]
     assert document["pallets"] >= 1
     assert f"given up: {len(refused)} (" in printed
-    assert all(set(one["refused"]) == {"stage", "reason"} for one in refused)
+    assert all(set(candidate["refused"]) == {"stage", "reason"} for candidate in refused)
     assert (tmp_path / "new" / "folder" / "1-shelf.png").stat().st_size > 10_000
 
 
 def test_the_usual_method_shows_its_hypotheses_and_edges(tmp_path: Path) -> None:
     initial = initial_file(tmp_path, [row_beside("A", 0.06)])
     out = tmp_path / "out"
-    assert run(["explain", str(SAMPLE), "--shot", str(SHOT), "--out", str(out), "--initial", str(initial)]) == 0
+    assert explain(out, initial) == 0
     made = {path.name for path in out.iterdir()}
     assert {"3-search-P1.png", "4-face-P1.png", "6-plan.png", "explain.json"} <= made
     (candidate,) = json.loads((out / "explain.json").read_text())["candidates"]
@@ -126,37 +114,28 @@ def test_the_usual_method_shows_its_hypotheses_and_edges(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("shot", ["6", "-1", "100000"])
-def test_a_shot_that_is_not_there_is_one_line(shot: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["explain", str(SAMPLE), "--shot", shot, "--out", str(tmp_path / "out")]) == 1
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    assert printed.err == f"palletloc: --shot {shot}: {SAMPLE} has 6 shots; expected 0 to 5\n"
+def test_a_shot_that_is_not_there_is_one_line(shot: str, tmp_path: Path, refused: Refused) -> None:
+    told = refused("explain", SAMPLE, "--shot", shot, "--out", tmp_path / "out")
+    assert told == f"--shot {shot}: {SAMPLE} has 6 shots; expected 0 to 5"
     assert not (tmp_path / "out").exists()
 
 
-def test_a_folder_that_is_not_there_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["explain", str(tmp_path / "no"), "--shot", "0", "--out", str(tmp_path / "out")]) == 1
-    error = capsys.readouterr().err
-    assert error.startswith(f"palletloc: {tmp_path / 'no'}: no such folder")
-    assert error.count("\n") == 1
+def test_a_folder_that_is_not_there_is_one_line(tmp_path: Path, refused: Refused) -> None:
+    told = refused("explain", tmp_path / "no", "--shot", "0", "--out", tmp_path / "out")
+    assert told.startswith(f"{tmp_path / 'no'}: no such folder")
 
 
-def test_a_shot_that_no_start_is_for_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_shot_that_no_start_is_for_is_one_line(tmp_path: Path, refused: Refused) -> None:
     initial = initial_file(tmp_path, [row_beside("A", 0.0)])
-    arguments = ["explain", str(SAMPLE), "--shot", "0", "--out", str(tmp_path / "out")]
-    assert run([*arguments, "--initial", str(initial)]) == 1
-    assert capsys.readouterr().err == "palletloc: --shot 0: no start has the time of this shot, 0 s\n"
+    told = refused("explain", SAMPLE, "--shot", "0", "--out", tmp_path / "out", "--initial", initial)
+    assert told == "--shot 0: no start has the time of this shot, 0 s"
 
 
-def test_a_damaged_image_is_one_line_and_leaves_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    copy = tmp_path / "copy"
-    shutil.copytree(SAMPLE, copy)
+def test_a_damaged_image_is_one_line_and_leaves_nothing(tmp_path: Path, refused: Refused) -> None:
+    copy = Path(shutil.copytree(SAMPLE, tmp_path / "copy"))
     image = copy / read_recording(copy).shots[0].file
     image.write_bytes(image.read_bytes()[:5000])
-    assert run(["explain", str(copy), "--shot", "0", "--out", str(tmp_path / "out")]) == 1
-    error = capsys.readouterr().err
-    assert str(image) in error
-    assert error.count("\n") == 1
+    assert str(image) in refused("explain", copy, "--shot", "0", "--out", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 

@@ -1,11 +1,18 @@
+import subprocess
+import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+import yaml
 
 from palletloc.cli.app import run
+from palletloc.config import LocalizerConfig
+from palletloc.io.config_file import read_config
 from palletloc.pallet_library import format_pallets, load_library
 
 LIBRARY = load_library()
+Refused = Callable[..., str]
 MINE = """\
 mine:
   width_m: 1.05
@@ -37,18 +44,13 @@ def rows(printed: str) -> dict[str, str]:
     return {line.split()[0]: line for line in reversed(lines) if line.strip()}
 
 
-def test_every_model_has_a_row(capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_model_has_a_row_that_says_what_its_face_is_like(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["pallets"]) == 0
-    found = rows(capsys.readouterr().out)
+    found = rows(capsys.readouterr().out.replace("\N{MULTIPLICATION SIGN}", "x"))
     assert set(LIBRARY) <= set(found)
     for name, model in LIBRARY.items():
         assert f" {'yes' if model.confirmed else 'no'} " in found[name]
         assert model.source[:20] in found[name]
-
-
-def test_a_row_says_what_the_face_is_like(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["pallets"]) == 0
-    found = rows(capsys.readouterr().out.replace("\N{MULTIPLICATION SIGN}", "x"))
     assert " 1200 x 144 " in found["epal1-1200"]
     assert " 2 of 382.5 x 100 at 22 " in found["epal1-1200"]
     assert " 2 of 227.5 x 100 open " in found["epal1-800"]
@@ -126,3 +128,44 @@ def test_what_the_library_writes_can_be_listed(tmp_path: Path, capsys: pytest.Ca
     listed = capsys.readouterr().out
     assert run(["pallets", "--file", str(path)]) == 0
     assert capsys.readouterr().out == listed
+
+
+def test_what_is_printed_can_be_fed_back(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "all.yaml"
+    assert run(["config"]) == 0
+    printed = capsys.readouterr().out
+    path.write_text(printed)
+    assert read_config(path) == LocalizerConfig()
+    assert run(["config", "--file", str(path)]) == 0
+    assert capsys.readouterr().out == printed
+
+
+def test_a_files_values_take_the_place_of_the_defaults(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text("detection: {max_range: 4.5}\n")
+    assert run(["config"]) == 0
+    default = yaml.safe_load(capsys.readouterr().out)
+    assert run(["config", "--file", str(path)]) == 0
+    mine = yaml.safe_load(capsys.readouterr().out)
+    assert mine["detection"].pop("max_range") == 4.5
+    assert default["detection"].pop("max_range") != 4.5
+    assert mine == default
+
+
+def test_a_bad_file_is_one_line_and_nothing_is_printed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refused: Refused
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert refused("config", "--file", "mine.yaml") == "mine.yaml: no such file"
+    for text, problem in (
+        ("yaw: {serach: 0.1}\n", "yaw: unknown key 'serach'; did you mean 'search'?"),
+        ("yaw: {search: .nan}\n", "yaw.search: expected a finite number, got nan"),
+    ):
+        Path("mine.yaml").write_text(text)
+        assert refused("config", "--file", "mine.yaml") == f"mine.yaml: {problem}"
+
+
+def test_meanings_do_not_depend_on_docstrings_being_kept() -> None:
+    command = [sys.executable, "-OO", "-m", "palletloc", "config"]
+    ended = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert "# Farthest pallet from the camera" in ended.stdout

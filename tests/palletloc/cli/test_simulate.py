@@ -48,19 +48,15 @@ def test_the_same_seed_writes_the_same_files(tmp_path: Path) -> None:
     assert all(a[name] != c[name] for name in a if name not in ("pallets.yaml",))
 
 
-def test_it_does_not_write_into_a_folder_with_something_in_it(
+def test_a_folder_with_something_in_it_and_an_unknown_model_are_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "note.txt").write_text("mine")
     assert simulate(tmp_path) == 1
     assert str(tmp_path) in capsys.readouterr().err
-    assert contents(tmp_path) == {"note.txt": b"mine"}
-
-
-def test_an_unknown_model_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert simulate(tmp_path / "x", "--model", "epal1-1201") == 1
     assert "epal1-1200" in capsys.readouterr().err
-    assert not (tmp_path / "x").exists()
+    assert contents(tmp_path) == {"note.txt": b"mine"}
 
 
 @pytest.mark.parametrize("option", [["--shots", "0"], ["--light", "moon"], ["--camera", "drone"]])

@@ -9,10 +9,10 @@ from matplotlib.colors import to_rgb, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
 
+from palletloc import Opening, PalletModel, load_library
 from palletloc.drawing.pallets import pallets_figure, pallets_png
 from palletloc.geometry import BoolArray
-from palletloc.pallet import Opening, PalletModel
-from palletloc.pallet_library import load_library
+from tests.palletloc.drawing.readable import some_overlap
 
 LIBRARY = load_library()
 CLOSED = LIBRARY["epal1-1200"]
@@ -92,14 +92,11 @@ def test_no_edge_crosses_an_opening_at_the_floor(model: PalletModel) -> None:
     assert np.flatnonzero(hole[:, column])[-1] >= np.flatnonzero(solid.any(axis=1))[-1]
 
 
-def test_an_opening_ends_at_the_floor() -> None:
-    solid, hole = pixels_of(ODD)  # its first opening has corners that would lie below
-    assert np.flatnonzero(hole.any(axis=1))[-1] <= np.flatnonzero(solid.any(axis=1))[-1] + 3
-
-
-def test_a_bottom_board_lies_below_a_closed_opening() -> None:
-    solid, hole = pixels_of(CLOSED)
-    assert np.flatnonzero(hole.any(axis=1))[-1] < np.flatnonzero(solid.any(axis=1))[-1]
+def test_an_opening_ends_at_the_floor_and_a_bottom_board_lies_below_a_closed_one() -> None:
+    # the first opening of the odd one has corners that would lie below
+    for model, below in ((ODD, 3), (CLOSED, -1)):
+        solid, hole = pixels_of(model)
+        assert np.flatnonzero(hole.any(axis=1))[-1] <= np.flatnonzero(solid.any(axis=1))[-1] + below
 
 
 def test_every_model_has_its_name_and_its_mark(library_figure: Figure) -> None:
@@ -122,34 +119,21 @@ def test_dimensions_are_in_millimetres() -> None:
     assert (texts["22"], texts["100"], texts["144"]) == (2, 1, 1)  # the levels, and the whole height
 
 
-@pytest.mark.parametrize(
-    "models",
-    [[ODD], [CLOSED, OPEN], [CLOSED, OPEN, ODD], [replace(CLOSED, width=9.0, height=3.0)]],
-    ids=["one", "two", "mixed", "huge"],
-)
-def test_nothing_leaves_the_page(models: list[PalletModel]) -> None:
-    require_inside(pallets_figure(models))
-
-
-def test_nothing_of_the_library_leaves_the_page(library_figure: Figure) -> None:
+def test_nothing_leaves_the_page(library_figure: Figure) -> None:
+    huge = replace(CLOSED, width=9.0, height=3.0)
+    for models in ([ODD], [CLOSED, OPEN], [CLOSED, OPEN, ODD], [huge]):
+        require_inside(pallets_figure(models))
     require_inside(library_figure)
 
 
 def test_no_text_covers_another(library_figure: Figure) -> None:
     texts = [text for text in library_figure.axes[0].texts if text.get_text()]
-    boxes = np.array([text.get_window_extent().extents for text in texts])
-    low, high = boxes[:, :2], boxes[:, 2:]
-    shared = np.minimum(high[:, None], high) - np.maximum(low[:, None], low)
-    covered = np.all(shared > 1.5, axis=-1) & ~np.eye(len(boxes), dtype=bool)
-    assert not covered.any()
+    assert not some_overlap(np.array([text.get_window_extent().extents for text in texts]), 1.5)
 
 
-def test_the_page_has_room_for_the_highest_face_wherever_it_stands() -> None:
+def test_the_page_has_room_for_the_highest_face_wherever_it_stands_and_stays_a_page_for_a_huge_one() -> None:
     first, last = pallets_figure([ODD, CLOSED, OPEN]), pallets_figure([CLOSED, OPEN, ODD])
     assert tuple(first.get_size_inches()) == tuple(last.get_size_inches())
-
-
-def test_a_page_stays_a_page_for_a_huge_face() -> None:
     huge = replace(CLOSED, width=10.0, depth=10.0)
     assert max(pallets_figure([huge, CLOSED, OPEN]).get_size_inches()) < 20
 
@@ -165,12 +149,9 @@ def test_columns_are_filled_row_by_row() -> None:
     assert corners == sorted(corners, key=lambda corner: (-corner[1], corner[0]))
 
 
-@pytest.mark.parametrize(("models", "columns"), [([], 3), ([OPEN], 0)])
-def test_something_is_drawn_somewhere(models: list[PalletModel], columns: int) -> None:
-    with pytest.raises(ValueError, match="expected models and at least one column"):
-        pallets_figure(models, columns)
-
-
-def test_drawing_leaves_no_figure_open() -> None:
+def test_something_is_drawn_somewhere_and_leaves_no_figure_open() -> None:
+    for models, columns in (([], 3), ([OPEN], 0)):
+        with pytest.raises(ValueError, match="expected models and at least one column"):
+            pallets_figure(models, columns)
     assert pallets_png([OPEN]).startswith(b"\x89PNG\r\n\x1a\n")
     assert plt.get_fignums() == []

@@ -10,18 +10,23 @@ from palletloc.evaluation.breakdown import (
     spreads,
     stop_accuracy,
 )
+from palletloc.evaluation.comparison import compare_runs, paired_difference
+from palletloc.evaluation.pose_error import PalletEstimate, PoseError, TrueFace, pose_error
 from palletloc.evaluation.run_match import match_run
+from palletloc.geometry import LevelPose
 from tests.palletloc.evaluation.aisle import PALLETS, SCENE, TIMES, estimate, everything, false_one
 
 
-def test_groups_hold_each_error_once() -> None:
+def test_groups_hold_each_error_once_and_a_bin_has_its_lower_edge_and_not_its_upper_one() -> None:
     run = match_run(TIMES, everything(0.01), SCENE)
-    pallets = by_pallet(run.errors)
-    assert {name: len(group) for name, group in pallets.items()} == {"A": 4, "B": 4}
+    assert {name: len(group) for name, group in by_pallet(run.errors).items()} == {"A": 4, "B": 4}
     bins = by_distance(run.shots, [0.0, 2.5, 3.0, np.inf])
     assert sum(len(part.errors) for part in bins) == 8
     for part in bins:
         assert all(part.low <= error.face.range < part.high for error in part.errors)
+    near, far = (error.face.range for error in run.errors[:2])
+    first = match_run([0.0], everything()[:2], SCENE)
+    assert [len(part.errors) for part in by_distance(first.shots, [0.0, near, far])] == [0, 1]
 
 
 def test_shots_belong_to_the_nearest_stop_within_the_limit() -> None:
@@ -34,12 +39,6 @@ def test_shots_belong_to_the_nearest_stop_within_the_limit() -> None:
         ("S2", "B"): [3.0],
     }
     assert by_stop(run.errors, {}, limit=0.5) == {}
-
-
-def test_a_bin_has_its_lower_edge_and_not_its_upper_one() -> None:
-    run = match_run([0.0], everything()[:2], SCENE)
-    near, far = (error.face.range for error in run.errors)
-    assert [len(part.errors) for part in by_distance(run.shots, [0.0, near, far])] == [0, 1]
 
 
 def test_bins_count_what_was_missed_at_that_distance() -> None:
@@ -58,9 +57,6 @@ def test_statistics_are_of_their_own_component() -> None:
     assert found.position is not None
     assert (found.depth.bias, found.depth.rms, found.along.maximum) == pytest.approx((-0.01, 0.01, 0.0))
     assert found.position.median == pytest.approx(0.01)
-
-
-def test_nothing_has_no_statistics() -> None:
     assert spreads([]).yaw is None
 
 
@@ -78,15 +74,15 @@ def test_tracks_show_their_pallets_their_changes_and_what_was_false() -> None:
     assert (second.track, second.pallets, second.errors, second.false) == ("2", (), (), 1)
 
 
-@pytest.mark.parametrize("edges", [[1.0], [0.0, 2.0, 2.0], [3.0, 1.0]])
-def test_edges_that_do_not_increase_are_refused(edges: list[float]) -> None:
-    with pytest.raises(ValueError, match="increasing"):
-        by_distance([], edges)
-
-
-def test_a_step_that_is_not_positive_is_refused() -> None:
+def test_edges_that_do_not_increase_steps_that_are_not_positive_and_other_shapes_are_refused() -> None:
+    for edges in ([1.0], [0.0, 2.0, 2.0], [3.0, 1.0]):
+        with pytest.raises(ValueError, match="increasing"):
+            by_distance([], edges)
     with pytest.raises(ValueError, match="positive"):
         distance_edges(0.0, 3.0)
+    for shape in ((0, 4), (4,), (3, 3)):
+        with pytest.raises(ValueError, match=r"expected \(n, 4\)"):
+            stop_accuracy(np.zeros(shape))
 
 
 def test_a_hand_made_square() -> None:
@@ -131,7 +127,80 @@ def test_a_single_pose_has_an_accuracy_and_no_repeatability() -> None:
     assert np.isnan([stop.rp, stop.rp_yaw]).all()
 
 
-@pytest.mark.parametrize("shape", [(0, 4), (4,), (3, 3)])
-def test_other_shapes_are_refused(shape: tuple[int, ...]) -> None:
-    with pytest.raises(ValueError, match=r"expected \(n, 4\)"):
-        stop_accuracy(np.zeros(shape))
+def error(time: float, name: str = "A", depth: float = 0.0, yaw: float = 0.0) -> PoseError:
+    face = TrueFace(name, "t11", LevelPose(0, 0, 0, 0), 2.0, 1.0, True)
+    return pose_error(time, PalletEstimate(time, "t11", LevelPose(depth, 0, 0, yaw), np.eye(4)), face)
+
+
+def test_differences_are_of_absolute_errors_second_minus_first() -> None:
+    first = [error(time, depth=-0.03) for time in range(4)]
+    found = compare_runs(first, [error(time, depth=0.01) for time in range(4)])
+    depth = found.differences["depth"]
+    assert (depth.mean, depth.low, depth.high) == pytest.approx((-0.02, -0.02, -0.02))
+    assert (depth.smaller, depth.larger, found.views, found.shots) == (4, 0, 4, 4)
+    yaw = found.differences["yaw"]
+    assert (yaw.mean, yaw.smaller, yaw.larger) == (0, 0, 0)
+
+
+def test_views_that_one_run_lacks_are_listed_and_take_no_part() -> None:
+    first = [error(0.0), error(1.0, "B", depth=9.0), error(1.0)]
+    second = [error(1.0), error(0.0), error(2.0, depth=9.0)]
+    found = compare_runs(first, second)
+    assert (found.only_first, found.only_second) == (((1.0, "B"),), ((2.0, "A"),))
+    assert (found.views, found.shots, found.differences["depth"].mean) == (2, 2, 0.0)
+
+
+def test_swapping_the_runs_turns_the_sign() -> None:
+    rng = np.random.default_rng(1)
+    first, second = ([error(time, yaw=yaw) for time, yaw in enumerate(rng.normal(size=20))] for _ in range(2))
+    there, back = (compare_runs(*runs).differences["yaw"] for runs in ((first, second), (second, first)))
+    assert there.mean == pytest.approx(-back.mean)
+    assert (there.smaller, there.larger) == (back.larger, back.smaller)
+    assert there.low < there.mean < there.high
+
+
+def test_the_same_seed_gives_the_same_interval_and_a_generator_goes_on() -> None:
+    rng = np.random.default_rng(2)
+    first, second = rng.normal(size=(2, 30))
+    drawn = [paired_difference(first, second, np.arange(30), seed=seed) for seed in (5, 5, 6)]
+    assert drawn[0] == drawn[1] != drawn[2]
+    generator = np.random.default_rng(5)
+    assert paired_difference(first, second, np.arange(30), seed=generator) == drawn[0]
+    assert paired_difference(first, second, np.arange(30), seed=generator) != drawn[0]
+
+
+def test_the_interval_covers_the_true_difference_at_the_nominal_rate() -> None:
+    rng = np.random.default_rng(3)
+    runs, views = 400, 40
+    hits = 0
+    for _ in range(runs):
+        first, second = rng.exponential(1.0, views), rng.exponential(1.3, views)
+        found = paired_difference(first, second, np.arange(views), 0.9, 400, rng)
+        hits += found.low <= 0.3 <= found.high
+    # four standard deviations of the count
+    assert hits / runs == pytest.approx(0.9, abs=4 * np.sqrt(0.09 / runs))
+
+
+def test_views_and_pallets_of_one_shot_are_drawn_together() -> None:
+    of_shot = np.abs(np.random.default_rng(4).normal(size=25))
+    alone = paired_difference(np.zeros(25), of_shot, np.arange(25))
+    repeated = paired_difference(np.zeros(100), np.repeat(of_shot, 4), np.repeat(np.arange(25), 4))
+    # four views that say the same are no four pieces of evidence
+    assert repeated.high - repeated.low == pytest.approx(alone.high - alone.low, rel=1e-6)
+    first = [error(time, name) for time in range(25) for name in "AB"]
+    second = [error(time, name, depth=off) for time, off in enumerate(of_shot) for name in "AB"]
+    depth = compare_runs(first, second).differences["depth"]
+    assert (depth.low, depth.high) == pytest.approx((alone.low, alone.high))
+
+
+def test_a_single_shot_has_no_interval_and_runs_without_a_common_view_no_difference() -> None:
+    alone = paired_difference(np.zeros(3), np.ones(3), np.zeros(3))
+    assert alone.mean == 1.0
+    assert np.isnan([alone.low, alone.high]).all()
+    found = compare_runs([error(0.0)], [])
+    assert (found.views, found.differences, found.only_first) == (0, {}, ((0.0, "A"),))
+
+
+def test_a_pallet_twice_in_a_shot_is_refused() -> None:
+    with pytest.raises(ValueError, match="'A' stands twice in the shot at 0 s"):
+        compare_runs([error(0.0), error(0.0)], [])

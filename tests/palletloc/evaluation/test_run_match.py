@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from palletloc.choices import TimeRule
 from palletloc.evaluation.breakdown import spreads
@@ -17,7 +19,8 @@ from palletloc.evaluation.pose_error import (
     from_measurements,
     true_faces,
 )
-from palletloc.evaluation.run_match import RunMatch, ShotMatch, TrueScene, detection, match_run, match_shot
+from palletloc.evaluation.run_match import ShotMatch, TrueScene, detection, match_run, match_shot
+from palletloc.evaluation.time_pairing import brackets, nearest_pairs, require_overlap
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.io.measurements import read_measurements, write_measurements
 from palletloc.io.recording import read_recording
@@ -27,10 +30,6 @@ from palletloc.trajectory import Trajectory
 from tests.palletloc.evaluation.aisle import PALLETS, PATH, SCENE, TIMES, estimate, everything, false_one
 
 SHARED = Path(__file__).resolve().parents[3].parent / "shared"
-
-
-def ids(run: RunMatch) -> list[tuple[float, str]]:
-    return [(error.time, error.face.id) for error in run.errors]
 
 
 def at(pose: LevelPose) -> PalletEstimate:
@@ -51,9 +50,8 @@ def test_the_closest_pairs_go_first_and_nothing_is_taken_twice() -> None:
 
 def test_what_lies_half_a_metre_off_belongs_to_nothing() -> None:
     faces = [face(LevelPose(0, 2, 0, 0))]
-    assert len(match_shot(0.0, [at(LevelPose(0.3, 2, 0.39, 0))], faces).errors) == 1
-    shot = match_shot(0.0, [at(LevelPose(0.3, 2, 0.41, 0))], faces)
-    assert (len(shot.errors), len(shot.missed), len(shot.false)) == (0, 1, 1)
+    near, off = (match_shot(0.0, [at(LevelPose(0.3, 2, height, 0))], faces) for height in (0.39, 0.41))
+    assert (len(near.errors), len(off.errors), len(off.missed), len(off.false)) == (1, 0, 1, 1)
 
 
 def test_a_shot_has_found_missed_and_false_ones() -> None:
@@ -86,12 +84,14 @@ def test_nothing_to_count_gives_no_rate() -> None:
     assert (missed.recall, missed.found.trials) == (0.0, 2)
 
 
-def test_a_perfect_run_has_every_pallet_and_no_error() -> None:
+def test_a_perfect_run_has_every_pallet_and_no_error_and_an_empty_one_misses_all() -> None:
     run = match_run(TIMES, everything(), SCENE)
-    assert ids(run) == [(time, name) for time in TIMES for name in "AB"]
+    assert [(error.time, error.face.id) for error in run.errors] == [(time, name) for time in TIMES for name in "AB"]
     assert max(np.abs(error.offset).max() for error in run.errors) < 1e-12
     found = detection(run.shots)
     assert (found.recall, found.false_per_shot, found.shots) == (1.0, 0.0, 4)
+    nothing = detection(match_run(TIMES, [], SCENE).shots)
+    assert (nothing.recall, nothing.found.trials) == (0.0, 8)
 
 
 def test_missed_and_false_ones_are_counted() -> None:
@@ -140,20 +140,12 @@ def test_the_nearest_sample_is_taken_as_it_is() -> None:
     assert run.errors[0].offset == pytest.approx(np.zeros(4), abs=1e-12)
 
 
-def test_a_truth_of_another_time_is_one_clear_error() -> None:
-    late = Trajectory(PATH.times + 100, PATH.x, PATH.y, PATH.yaw)
+def test_a_truth_of_another_time_and_an_estimate_of_no_shot_are_clear_errors() -> None:
+    late = replace(SCENE, world_from_forklift=Trajectory(PATH.times + 100, PATH.x, PATH.y, PATH.yaw))
     with pytest.raises(EvaluationError, match="shots from 0 s to 3 s, truth from 100 s to 103 s: expected times"):
-        match_run(TIMES, everything(), replace(SCENE, world_from_forklift=late))
-
-
-def test_an_estimate_of_no_shot_is_refused() -> None:
+        match_run(TIMES, everything(), late)
     with pytest.raises(EvaluationError, match=r"0\.5 s is of no shot"):
         match_run(TIMES, [estimate(0.5, PALLETS[0])], SCENE)
-
-
-def test_an_empty_run_misses_everything() -> None:
-    found = detection(match_run(TIMES, [], SCENE).shots)
-    assert (found.recall, found.found.trials) == (0.0, 8)
 
 
 def scorer() -> Any:
@@ -170,12 +162,8 @@ def disturbed(recording: Path, rng: np.random.Generator) -> list[PalletMeasureme
     truth, forklift_from_camera = read_truth(recording), read_recording(recording).forklift_from_camera
     found = []
     for shot in read_recording(recording).shots:
-        faces = true_faces(
-            truth.pallets,
-            {"t11-plastic": 1.1, "epal1-1200": 1.2},
-            truth.forklift.pose_at(shot.time),
-            forklift_from_camera,
-        )
+        place = truth.forklift.pose_at(shot.time)
+        faces = true_faces(truth.pallets, {"t11-plastic": 1.1, "epal1-1200": 1.2}, place, forklift_from_camera)
         poses = [LevelPose(*(face.forklift_from_pallet.as_array() + 0.03 * rng.normal(size=4))) for face in faces]
         poses = [pose for pose in poses if rng.random() < 0.8]
         poses += [LevelPose(*rng.uniform(-3, 3, 4)) for _ in range(int(rng.integers(3)))]
@@ -211,3 +199,65 @@ def test_another_implementation_counts_the_same(name: str, tmp_path: Path) -> No
         for mine, other in (("median", "median"), ("p95", "p95"), ("maximum", "max"), ("bias", "bias")):
             assert spread[mine] * unit == pytest.approx(theirs[quantity][other], rel=1e-6)
     assert [error.face.id for error in run.errors] == [row["id"] for row in their_errors]
+
+
+series = st.lists(st.floats(0, 10), min_size=1, max_size=12).map(np.array)
+ordered = st.lists(st.floats(0, 10), min_size=1, max_size=12, unique=True).map(sorted).map(np.array)
+limits = st.floats(0, 3)
+
+
+@given(series, series, limits)
+def test_nearest_is_what_a_search_of_all_samples_finds(first: np.ndarray, second: np.ndarray, limit: float) -> None:
+    pairs = nearest_pairs(first, second, limit)
+    all_apart = np.abs(second[None] - first[:, None])
+    assert pairs.first.tolist() == np.flatnonzero(all_apart.min(axis=1) <= limit).tolist()
+    assert np.abs(pairs.differences).tolist() == all_apart.min(axis=1)[pairs.first].tolist()
+    np.testing.assert_array_equal(second[pairs.second] - first[pairs.first], pairs.differences)
+
+
+def test_the_limit_is_inclusive() -> None:
+    pairs = nearest_pairs(np.array([0.0, 1.0]), np.array([0.25, 1.5]), 0.25)
+    assert (pairs.first.tolist(), pairs.second.tolist()) == ([0], [0])
+
+
+@given(ordered, series, limits)
+def test_a_wanted_time_is_the_weighted_mean_of_its_neighbours(
+    samples: np.ndarray, wanted: np.ndarray, limit: float
+) -> None:
+    found = brackets(wanted, samples, limit)
+    before, after = samples[found.before], samples[found.after]
+    np.testing.assert_allclose((1 - found.share) * before + found.share * after, wanted[found.wanted], atol=1e-12)
+    assert ((found.share >= 0) & (found.share <= 1)).all()
+    assert (after - before <= limit).all()
+    assert ((found.after - found.before) <= 1).all()
+
+
+@given(ordered, series)
+def test_without_a_limit_everything_between_the_ends_is_found_and_nothing_else(
+    samples: np.ndarray, wanted: np.ndarray
+) -> None:
+    inside = (wanted >= samples[0]) & (wanted <= samples[-1])
+    assert brackets(wanted, samples, np.inf).wanted.tolist() == np.flatnonzero(inside).tolist()
+
+
+def test_a_long_gap_is_not_bridged_but_its_ends_are_known() -> None:
+    found = brackets(np.array([0.5, 1.0, 3.0, 5.0, 5.5]), np.array([0.0, 1.0, 5.0, 6.0]), 1.0)
+    assert found.wanted.tolist() == [0, 1, 3, 4]
+
+
+def test_series_of_other_times_are_refused_with_both_spans_beyond_the_slack() -> None:
+    for times, others, slack, said in (
+        ([0.0, 2.0], [100.0, 101.0], 0.0, "shots from 0 s to 2 s, truth from 100 s to 101 s: exp"),
+        ([0.0], [], 0.0, "truth: no times; expected"),
+        ([0.0, 1.0], [1.02], 0.01, "one clock"),
+    ):
+        with pytest.raises(EvaluationError, match=said):
+            require_overlap(np.array(times), np.array(others), ("shots", "truth"), slack=slack)
+    require_overlap(np.array([0.0, 1.0]), np.array([1.005]), ("a", "b"), slack=0.01)
+
+
+def test_nothing_has_no_partner_and_a_negative_limit_is_refused() -> None:
+    for first, second in ((np.zeros(0), np.ones(2)), (np.ones(2), np.zeros(0))):
+        assert not len(nearest_pairs(first, second, 9).first)
+    with pytest.raises(ValueError, match="expected 0 s or more"):
+        nearest_pairs(np.zeros(1), np.zeros(1), -1.0)

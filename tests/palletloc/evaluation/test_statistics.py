@@ -1,9 +1,12 @@
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binom, chi2, kstest
 
+from palletloc.evaluation.requirement import Requirement, Verdict, check_requirement
 from palletloc.evaluation.statistics import (
     Consistency,
     chi_square_check,
@@ -30,21 +33,18 @@ def test_the_mean_square_is_that_of_the_mean_and_the_deviations(errors: list[flo
 
 @given(values)
 def test_turning_all_signs_turns_the_bias_and_no_size(errors: list[float]) -> None:
-    one, other = spread(errors), spread(-np.array(errors))
-    assert one is not None
-    assert other is not None
-    assert (other.bias, other.mean) == pytest.approx((-one.bias, -one.mean))
+    found, turned = spread(errors), spread(-np.array(errors))
+    assert found is not None
+    assert turned is not None
+    assert (turned.bias, turned.mean) == pytest.approx((-found.bias, -found.mean))
     sizes = ("n", "median", "rms", "p95", "maximum")
-    assert [getattr(other, name) for name in sizes] == pytest.approx([getattr(one, name) for name in sizes])
+    assert [getattr(turned, name) for name in sizes] == pytest.approx([getattr(found, name) for name in sizes])
 
 
-def test_the_95th_percentile_has_5_percent_above() -> None:
+def test_the_95th_percentile_has_5_percent_above_and_nothing_has_no_spread() -> None:
     found = spread(np.arange(1, 102.0))
     assert found is not None
     assert (found.n, found.p95, found.maximum) == (101, 96.0, 101.0)
-
-
-def test_nothing_has_no_spread() -> None:
     assert spread([]) is None
 
 
@@ -63,13 +63,15 @@ def test_the_ends_are_where_a_binomial_tail_holds_half_the_rest(count: tuple[int
 @given(counts)
 def test_failures_are_successes_seen_from_the_other_side(count: tuple[int, int]) -> None:
     successes, trials = count
-    one, other = clopper_pearson(successes, trials), clopper_pearson(trials - successes, trials)
-    assert (one.low, one.high) == pytest.approx((1 - other.high, 1 - other.low))
+    found, turned = clopper_pearson(successes, trials), clopper_pearson(trials - successes, trials)
+    assert (found.low, found.high) == pytest.approx((1 - turned.high, 1 - turned.low))
 
 
-def test_without_a_success_or_a_failure_the_interval_reaches_the_end() -> None:
-    assert clopper_pearson(0, 20).low == 0
-    assert clopper_pearson(20, 20).high == 1
+def test_without_a_success_or_a_failure_the_interval_reaches_the_end_and_without_a_trial_nothing_is_known() -> None:
+    assert (clopper_pearson(0, 20).low, clopper_pearson(20, 20).high) == (0, 1)
+    found = clopper_pearson(0, 0)
+    assert (found.low, found.high) == (0, 1)
+    assert np.isnan(found.value)
 
 
 def test_the_interval_covers_at_least_as_often_as_it_says() -> None:
@@ -86,16 +88,13 @@ def test_with_every_trial_a_success_the_bound_is_a_power() -> None:
     assert upper_bound(0, 30, 0.9) == pytest.approx(1 - 0.1 ** (1 / 30))
 
 
-def test_without_a_trial_nothing_is_known() -> None:
-    found = clopper_pearson(0, 0)
-    assert (found.low, found.high) == (0, 1)
-    assert np.isnan(found.value)
-
-
-@pytest.mark.parametrize(("successes", "trials", "confidence"), [(-1, 3, 0.9), (4, 3, 0.9), (1, 3, 0.0), (1, 3, 1.0)])
-def test_impossible_counts_are_refused(successes: int, trials: int, confidence: float) -> None:
-    with pytest.raises(ValueError, match="expected"):
-        clopper_pearson(successes, trials, confidence)
+def test_impossible_counts_and_requests_are_refused() -> None:
+    for successes, trials, confidence in ((-1, 3, 0.9), (4, 3, 0.9), (1, 3, 0.0), (1, 3, 1.0)):
+        with pytest.raises(ValueError, match="expected"):
+            clopper_pearson(successes, trials, confidence)
+    for freedom, confidence in ((0, 0.95), (4, 0.0), (4, 1.0)):
+        with pytest.raises(ValueError, match="expected"):
+            chi_square_check([4.0], freedom, confidence)
 
 
 def drawn(count: int, factor: float = 1.0) -> tuple[FloatArray, FloatArray]:
@@ -153,14 +152,70 @@ def test_unknown_values_are_left_out_and_improper_ones_count() -> None:
     check = chi_square_check([np.nan, 4.0, np.inf], 4)
     assert (check.n, check.unknown, check.improper, check.mean) == (2, 1, 1, np.inf)
     assert check.verdict is Consistency.OVERCONFIDENT
+    nothing = chi_square_check([np.nan], 4)
+    assert (nothing.n, nothing.unknown, nothing.verdict) == (0, 1, Consistency.UNKNOWN)
 
 
-def test_nothing_has_no_verdict() -> None:
-    check = chi_square_check([np.nan], 4)
-    assert (check.n, check.unknown, check.verdict) == (0, 1, Consistency.UNKNOWN)
+def test_the_limits_by_default_are_2_degrees_and_2_cm() -> None:
+    assert Requirement().limits.tolist() == [0.02, 0.02, 0.02, np.radians(2)]
 
 
-@pytest.mark.parametrize(("freedom", "confidence"), [(0, 0.95), (4, 0.0), (4, 1.0)])
-def test_impossible_requests_are_refused(freedom: int, confidence: float) -> None:
-    with pytest.raises(ValueError, match="expected"):
-        chi_square_check([4.0], freedom, confidence)
+@pytest.mark.parametrize(("name", "column"), [("depth", 0), ("along", 1), ("height", 2), ("yaw", 3)])
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_each_quantity_has_its_own_limit(name: str, column: int, sign: int) -> None:
+    requirement = dataclasses.replace(Requirement(), **{name: 0.5})
+    offsets = np.zeros((3, 4))
+    offsets[:, column] = np.array([0.49, 0.5, 0.51]) * sign
+    checked = check_requirement(offsets, requirement)
+    inside = {key: getattr(checked, key).proportion.successes for key in ("depth", "along", "height", "yaw")}
+    assert inside.pop(name) == 2
+    assert set(inside.values()) == {3}
+    assert checked.together.proportion.successes == 2
+
+
+def test_together_counts_what_is_inside_in_every_way() -> None:
+    offsets = np.zeros((4, 4))
+    offsets[0, 0] = offsets[1, 3] = 1.0
+    checked = check_requirement(offsets)
+    assert checked.depth.proportion.successes == checked.yaw.proportion.successes == 3
+    assert checked.together.proportion.successes == 2
+
+
+def test_59_good_errors_show_95_percent_and_58_do_not() -> None:
+    # 0.95 ** 59 < 0.05 < 0.95 ** 58
+    assert check_requirement(np.zeros((59, 4))).together.verdict is Verdict.MET
+    assert check_requirement(np.zeros((58, 4))).together.verdict is Verdict.UNDECIDED
+
+
+def test_errors_outside_show_that_it_is_not_met() -> None:
+    # one outside has a chance of 0.1, two of 0.01
+    requirement = Requirement(share=0.9, confidence=0.95)
+    assert check_requirement(np.ones((1, 4)), requirement).together.verdict is Verdict.UNDECIDED
+    assert check_requirement(np.ones((2, 4)), requirement).together.verdict is Verdict.NOT_MET
+
+
+def test_a_true_share_at_the_limit_is_called_met_no_oftener_than_the_confidence_allows() -> None:
+    rng = np.random.default_rng(4)
+    requirement = Requirement(share=0.8, confidence=0.9)
+    offsets = np.where(rng.uniform(size=(400, 60, 1)) < 0.8, 0.0, 1.0) * np.ones(4)
+    verdicts = [check_requirement(run, requirement).together.verdict for run in offsets]
+    for wrong in (Verdict.MET, Verdict.NOT_MET):
+        assert verdicts.count(wrong) / len(verdicts) <= 0.1 + 0.03
+
+
+def test_missed_pallets_where_asked_and_values_that_are_not_finite_are_outside() -> None:
+    checked = check_requirement(np.zeros((8, 4)), missed=2)
+    assert checked.yaw.proportion.value == checked.together.proportion.value == 0.8
+    assert check_requirement(np.full((1, 4), np.nan)).yaw.proportion.successes == 0
+
+
+def test_no_errors_decide_nothing() -> None:
+    assert check_requirement(np.zeros((0, 4))).together.verdict is Verdict.UNDECIDED
+
+
+@pytest.mark.parametrize("wrong", [{"depth": 0.0}, {"yaw": -1.0}, {"share": 1.0}, {"confidence": 0.0}])
+def test_an_impossible_requirement_and_errors_of_another_shape_are_refused(wrong: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match=rf"requirement\.{next(iter(wrong))}: expected"):
+        Requirement(**wrong)
+    with pytest.raises(ValueError, match=r"expected \(n, 4\), got \(4,\)"):
+        check_requirement(np.zeros(4))

@@ -45,12 +45,3 @@ def folder(tmp_path: Path) -> Path:
         image = rng.integers(0, 256, (32, 64, 3), dtype=np.uint8)
         (folder / "images" / f"{number}.png").write_bytes(cv2.imencode(".png", image)[1].tobytes())
     return folder
-
-
-@pytest.fixture(scope="session")
-def shared_data() -> Path:
-    """Return the folder of recordings that may lie beside the repository."""
-    data = Path(__file__).resolve().parents[3].parent / "shared" / "data"
-    if not data.is_dir():
-        pytest.skip("the shared recordings are not here")
-    return data

@@ -1,14 +1,22 @@
 import math
 from enum import StrEnum
+from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose
 
+from palletloc import LevelPose, PalletMeasurement, RefusedCandidate, Start
 from palletloc.io.csv_table import TableError, format_number, in_order_of_time, read_rows, write_rows
+from palletloc.io.measurements import NoPose, read_measurements, read_refusals, write_measurements, write_refusals
 from palletloc.io.reading import InputError
+from palletloc.io.recording import ShotFile
+from palletloc.io.starts import read_starts
+from palletloc.measurement import Reason, Stage, YawSource
 
 COLUMNS = ("time_s", "x_m", "file")
 GOOD = "time_s,x_m,file\n0.0,1.5,a.jpg\n0.5,-2e-3,b.jpg\n"
@@ -85,20 +93,13 @@ def test_a_bad_table_is_an_error_with_file_and_line(tmp_path: Path, old: str, ne
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("content", "said"),
-    [(b"time_s\xff\n", "not UTF-8"), (GOOD.encode("utf-16"), "not UTF-8"), (b"time_s,\0\n", "zero bytes")],
-)
-def test_a_file_that_is_no_text_is_an_error(tmp_path: Path, content: bytes, said: str) -> None:
-    with pytest.raises(InputError, match=rf"table\.csv: .*{said}"):
-        values(table(tmp_path, content))
-
-
-def test_a_missing_file_and_a_folder_are_errors(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"none\.csv: no such file"):
-        values(tmp_path / "none.csv")
-    with pytest.raises(InputError, match="is not a file"):
-        values(tmp_path)
+def test_a_file_that_is_no_text_missing_or_a_folder_is_an_error(tmp_path: Path) -> None:
+    for content, said in ((b"time_s\xff\n", "not UTF-8"), (GOOD.encode("utf-16"), "not UTF-8"), (b"a,\0\n", "zero")):
+        with pytest.raises(InputError, match=rf"table\.csv: .*{said}"):
+            values(table(tmp_path, content))
+    for path, said in ((tmp_path / "none.csv", r"none\.csv: no such file"), (tmp_path, "is not a file")):
+        with pytest.raises(InputError, match=said):
+            values(path)
 
 
 def test_an_unknown_word_names_the_nearest(tmp_path: Path) -> None:
@@ -125,7 +126,143 @@ def test_a_formatted_number_is_near_and_has_no_negative_zero(value: float) -> No
     assert float(text) != 0 or not text.startswith("-")
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_a_number_that_is_not_finite_is_never_written(value: float) -> None:
+def test_a_number_that_is_not_finite_is_never_written() -> None:
+    for value in (math.nan, math.inf):
+        with pytest.raises(ValueError, match="finite"):
+            format_number(value)
+
+
+SHOTS = (ShotFile(0.0, "0.jpg"), ShotFile(0.336842, "1.jpg"), ShotFile(0.673684, "2.jpg"))
+STARTS_HEADER = "time_s,model,x_m,y_m,z_m,yaw_rad\n"
+
+
+def starts_file(folder: Path, *rows: str) -> Path:
+    path = folder / "initial.csv"
+    path.write_text(STARTS_HEADER + "".join(f"{row}\n" for row in rows))
+    return path
+
+
+def test_starts_of_one_shot_come_together_and_in_order(tmp_path: Path) -> None:
+    path = starts_file(tmp_path, "0.3368,b,1,2,0,0.5", "0.336842,a,1.5,2,0,0.5", "0,a,1,1,0,0")
+    groups = read_starts(path, SHOTS)
+    assert [group.shot.file for group in groups] == ["1.jpg", "0.jpg"]
+    assert groups[0].starts == (Start("b", LevelPose(1.0, 2.0, 0.0, 0.5)), Start("a", LevelPose(1.5, 2.0, 0.0, 0.5)))
+    back = starts_file(tmp_path, "0,a,1,1,0,0", "0.673684,a,1,1,0,0", "0,b,1,1,0,0")
+    assert [group.shot.file for group in read_starts(back, SHOTS)] == ["0.jpg", "2.jpg", "0.jpg"]
+    assert read_starts(starts_file(tmp_path), SHOTS) == ()
+
+
+@pytest.mark.parametrize(
+    ("row", "said"),
+    [
+        ("0.3,a,1,1,0,0", r"line 3: time_s: no shot at 0\.3 s; the nearest is at 0\.336842 s"),
+        ("9,a,1,1,0,0", r"line 3: time_s: no shot at 9 s; the nearest is at 0\.673684 s"),
+        ("-1,a,1,1,0,0", r"line 3: time_s: no shot at -1 s; the nearest is at 0 s"),
+        ("0,a,1,nan,0,0", r"line 3: y_m: expected a finite number, got 'nan'"),
+        ("nan,a,1,1,0,0", r"line 3: time_s: expected a finite number"),
+        ("0,,1,1,0,0", r"line 3: model: expected a text"),
+        ("0,a,1,1,0", r"line 3: expected 6 cells, got 5"),
+    ],
+)
+def test_a_bad_start_is_an_error_with_file_and_line(tmp_path: Path, row: str, said: str) -> None:
+    with pytest.raises(TableError, match=rf"initial\.csv, {said}"):
+        read_starts(starts_file(tmp_path, "0,a,1,1,0,0", row), SHOTS)
+
+
+MEASUREMENTS_HEADER = (
+    "time_s,file,model,x_m,y_m,z_m,yaw_rad,cov_xx,cov_xy,cov_xz,cov_xw,cov_yy,cov_yz,cov_yw,cov_zz,cov_zw,cov_ww"
+    ",score,yaw_from"
+)
+POSE = LevelPose(2.0271234, -1.521, 0.0, -0.25)
+
+
+def measured(time: float = 0.336842, pose: LevelPose = POSE, covariance: object = None) -> PalletMeasurement:
+    matrix = np.diag([4e-6, 9e-6, 1e-6, 1e-6]) if covariance is None else np.array(covariance)
+    return PalletMeasurement(time, "t11", pose, matrix, 0.8125, YawSource.BOTTOM, "images/1.jpg")
+
+
+def test_the_file_is_what_the_documentation_says(tmp_path: Path) -> None:
+    covariance = np.arange(16.0).reshape(4, 4)
+    write_measurements(tmp_path / "m.csv", [measured(covariance=covariance), NoPose(1.5, "epal", "b,c.jpg")])
+    header, row, empty = (tmp_path / "m.csv").read_text().splitlines()
+    assert header == MEASUREMENTS_HEADER
+    assert row == (
+        "0.336842,images/1.jpg,t11,2.027123,-1.521000,0.000000,-0.250000,"
+        "0.000000e+00,1.000000e+00,2.000000e+00,3.000000e+00,5.000000e+00,6.000000e+00,7.000000e+00,"
+        "1.000000e+01,1.100000e+01,1.500000e+01,0.8125,bottom"
+    )
+    assert empty == '1.5,"b,c.jpg",epal' + "," * 16
+
+
+coordinates = st.floats(-100, 100)
+poses = st.builds(LevelPose, coordinates, coordinates, coordinates, st.floats(-np.pi, np.pi))
+
+
+@given(st.lists(st.tuples(st.floats(0, 2e9), poses, st.integers(0, 10**6)), max_size=4))
+def test_measurements_written_are_measurements_read(values: list[tuple[float, LevelPose, int]]) -> None:
+    written: list[PalletMeasurement | NoPose] = [NoPose(3.25, "t11", "images/0.jpg")]
+    for time, pose, seed in values:
+        root = np.random.default_rng(seed).normal(size=(4, 4))
+        written.append(measured(time, pose, root @ root.T))
+    with TemporaryDirectory() as folder:
+        write_measurements(Path(folder) / "m.csv", written)
+        read = read_measurements(Path(folder) / "m.csv")
+    assert read[0] == written[0]
+    assert len(read) == len(written)
+    for before, after in zip(written[1:], read[1:], strict=True):
+        assert isinstance(before, PalletMeasurement)
+        assert isinstance(after, PalletMeasurement)
+        assert (after.time, after.file, after.model) == (before.time, before.file, before.model)
+        assert (after.score, after.yaw_from) == (before.score, before.yaw_from)
+        difference = after.forklift_from_pallet.as_array() - before.forklift_from_pallet.as_array()
+        assert np.abs(difference).max() <= 0.51e-6
+        assert_allclose(after.covariance, before.covariance, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("-1.521000", "", r"line 2: y_m: expected a finite number, got ''"),
+        ("-1.521000", "nan", r"line 2: y_m: expected a finite number, got 'nan'"),
+        ("4.000000e-06", "-4.000000e-06", r"line 2: cov_xx, .*expected variances"),
+        ("bottom", "botom", r"line 2: yaw_from: unknown word 'botom'; did you mean 'bottom'\?"),
+        ("t11", "", r"line 2: model: expected a text"),
+        ("0.336842", "", r"line 2: time_s: expected a finite number"),
+        ("cov_ww", "cov_w", r"line 1: unknown column 'cov_w'"),
+    ],
+)
+def test_a_bad_row_is_an_error_with_file_and_line(tmp_path: Path, old: str, new: str, said: str) -> None:
+    path = tmp_path / "measurements.csv"
+    write_measurements(path, [measured()])
+    path.write_text(path.read_text().replace(old, new))
+    with pytest.raises(TableError, match=rf"measurements\.csv, {said}"):
+        read_measurements(path)
+
+
+@pytest.mark.parametrize(
+    "row",
+    [
+        measured(pose=LevelPose(1.0, float("nan"), 0.0, 0.0)),
+        measured(covariance=np.full((4, 4), np.inf)),
+        measured(time=float("nan")),
+        NoPose(float("inf"), "t11"),
+    ],
+)
+def test_what_is_not_finite_is_never_written(tmp_path: Path, row: PalletMeasurement | NoPose) -> None:
     with pytest.raises(ValueError, match="finite"):
-        format_number(value)
+        write_measurements(tmp_path / "measurements.csv", [row])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_refusals_written_are_refusals_read_and_an_unknown_reason_names_the_nearest(tmp_path: Path) -> None:
+    path = tmp_path / "refusals.csv"
+    refusals = tuple(
+        RefusedCandidate(0.1 * number, "t11", stage, reason, f"images/{number}.jpg")
+        for number, (stage, reason) in enumerate(product(Stage, Reason))
+    )
+    write_refusals(path, refusals)
+    assert read_refusals(path) == refusals
+    assert path.read_text().startswith("time_s,file,model,stage,reason\n0.0,images/0.jpg,t11,")
+    path.write_text("time_s,file,model,stage,reason\n0.0,a.jpg,t11,yaw,no_lines\n")
+    with pytest.raises(TableError, match=r"line 2: reason: unknown word 'no_lines'; did you mean 'no_line'\?"):
+        read_refusals(path)

@@ -1,5 +1,6 @@
 import json
 from collections.abc import Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -99,9 +100,9 @@ def test_an_interrupt_keeps_what_is_finished(tmp_path: Path, whole: dict[str, st
 def test_a_run_interrupted_twice_ends_like_one_without(tmp_path: Path, whole: dict[str, str]) -> None:
     for fail_at in (2, 3):
         with pytest.raises(KeyboardInterrupt):
-            work(tmp_path / "out", fail_at=fail_at, resume=True)
-    assert work(tmp_path / "out", resume=True) == [3, 4]
-    assert files(tmp_path / "out") == whole
+            work(tmp_path, fail_at=fail_at, resume=True)
+    assert work(tmp_path, resume=True) == [3, 4]
+    assert files(tmp_path) == whole
 
 
 @given(st.data())
@@ -176,11 +177,8 @@ def test_skipped_shots_are_reported_and_tried_again(tmp_path: Path, whole: dict[
         {"time_s": 0.5, "file": "images/1.jpg", "reason": "images/1.jpg: is truncated"},
         {"time_s": 1.5, "file": "images/3.jpg", "reason": "images/3.jpg: is truncated"},
     ]
-    assert {row.file for row in read_measurements(tmp_path / "measurements.csv")} == {
-        "images/0.jpg",
-        "images/2.jpg",
-        "images/4.jpg",
-    }
+    kept = {row.file for row in read_measurements(tmp_path / "measurements.csv")}
+    assert kept == {f"images/{number}.jpg" for number in (0, 2, 4)}
     assert work(tmp_path, resume=True, unreadable=[3]) == [1, 3]
     assert [skip["time_s"] for skip in json.loads((tmp_path / "run.json").read_text())["skipped"]] == [1.5]
     assert work(tmp_path, resume=True) == [3]
@@ -196,25 +194,19 @@ def test_counts_include_what_was_resumed(tmp_path: Path) -> None:
         assert [number for number, _ in output.remaining()] == [0, 3, 4]
 
 
-def test_resuming_a_finished_run_does_nothing(tmp_path: Path, whole: dict[str, str]) -> None:
-    work(tmp_path)
-    assert work(tmp_path, resume=True) == []
-    assert files(tmp_path) == whole
-
-
-def test_resuming_nothing_is_a_first_run(tmp_path: Path, whole: dict[str, str]) -> None:
-    work(tmp_path / "out", resume=True)
-    assert files(tmp_path / "out") == whole
+def test_resuming_nothing_is_a_first_run_and_resuming_a_finished_one_does_nothing(
+    tmp_path: Path, whole: dict[str, str]
+) -> None:
+    for worked in ([0, 1, 2, 3, 4], []):
+        assert work(tmp_path / "out", resume=True) == worked
+        assert files(tmp_path / "out") == whole
 
 
 @pytest.mark.parametrize("name", ["recording", "method", "configuration", "starts", "version"])
 @pytest.mark.parametrize("finished", [True, False])
 def test_another_run_is_not_resumed(tmp_path: Path, name: str, finished: bool) -> None:
-    if finished:
-        work(tmp_path)
-    else:
-        with pytest.raises(KeyboardInterrupt):
-            work(tmp_path, fail_at=3)
+    with nullcontext() if finished else pytest.raises(KeyboardInterrupt):
+        work(tmp_path, fail_at=None if finished else 3)
     before = files(tmp_path)
     values = {"recording": "0123", "method": "paper", "configuration": "4567", "starts": "", "version": "1.0"}
     other = Run(**values | {name: "other"})
@@ -239,27 +231,20 @@ def test_a_damaged_status_is_not_resumed(tmp_path: Path, content: str) -> None:
         work(tmp_path, resume=True)
 
 
-def test_a_shot_that_comes_back_is_worked_on_twice_in_order(tmp_path: Path) -> None:
-    shots = [SHOTS[1], SHOTS[0], SHOTS[1]]
-    assert work(tmp_path, shots=shots) == [0, 1, 2]
+def test_a_shot_that_comes_back_is_worked_on_twice_in_order_and_no_shots_write_empty_tables(tmp_path: Path) -> None:
+    assert work(tmp_path, shots=[SHOTS[1], SHOTS[0], SHOTS[1]]) == [0, 1, 2]
     written = [row.file for row in read_measurements(tmp_path / "measurements.csv")]
     assert written == ["images/1.jpg", "images/0.jpg", "images/1.jpg"]
-
-
-def test_a_run_over_no_shots_writes_empty_tables(tmp_path: Path) -> None:
     assert work(tmp_path, shots=[]) == []
     assert read_measurements(tmp_path / "measurements.csv") == ()
     assert json.loads((tmp_path / "run.json").read_text())["complete"] is True
 
 
-def test_a_folder_that_cannot_be_made_is_an_error(tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_made_is_an_error_and_a_closed_one_takes_nothing(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     for out in (tmp_path / "file", tmp_path / "file" / "out"):
         with pytest.raises(OutputError, match=r"file.*: cannot be written"):
             work(out)
-
-
-def test_a_closed_folder_takes_nothing(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="not open"):
         RunFolder(tmp_path, RUN, SOURCE, SHOTS).skip(0, "why")
 

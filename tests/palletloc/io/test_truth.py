@@ -34,11 +34,6 @@ def test_truth_written_is_truth_read(tmp_path: Path) -> None:
         assert_allclose(after.world_from_pallet.as_array(), before.world_from_pallet.as_array(), atol=0.51e-6)
 
 
-def test_a_recording_without_truth_is_an_error_that_says_what_is_expected(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"truth: no such folder; expected forklift\.csv and pallets\.csv"):
-        read_truth(tmp_path)
-
-
 @pytest.mark.parametrize(
     ("file", "old", "new", "said"),
     [
@@ -57,11 +52,16 @@ def test_bad_truth_is_an_error_with_file_and_line(tmp_path: Path, file: str, old
         read_truth(tmp_path)
 
 
-def test_a_path_without_poses_is_an_error(tmp_path: Path) -> None:
+def test_a_recording_without_truth_or_with_a_path_without_poses_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"truth: no such folder; expected forklift\.csv and pallets\.csv"):
+        read_truth(tmp_path)
     write_truth(tmp_path, turning())
     (tmp_path / "truth" / "forklift.csv").write_text("time_s,x_m,y_m,z_m,yaw_rad\n")
     with pytest.raises(TableError, match=r"forklift\.csv: has no rows"):
         read_truth(tmp_path)
+    (tmp_path / "a.tum").write_text("# nothing\n")
+    with pytest.raises(InputError, match=r"a\.tum: has no poses"):
+        read_tum(tmp_path / "a.tum")
 
 
 @pytest.mark.parametrize(("name", "count"), [("dev_lab", 3), ("dev_warehouse", 4)])
@@ -120,9 +120,3 @@ def test_a_bad_line_is_an_error_that_names_it(tmp_path: Path, line: str, said: s
     path.write_text(path.read_text() + "\n" + line)
     with pytest.raises(InputError, match=said):
         read_tum(path)
-
-
-def test_a_file_without_poses_is_an_error(tmp_path: Path) -> None:
-    (tmp_path / "a.tum").write_text("# nothing\n")
-    with pytest.raises(InputError, match=r"a\.tum: has no poses"):
-        read_tum(tmp_path / "a.tum")

@@ -1,36 +1,21 @@
-from __future__ import annotations
-
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from palletloc.geometry import LevelPose
+from palletloc import LevelPose, PalletModel, Shot
 from palletloc.measurement import HeightPrior, Reason
-from palletloc.pallet import PalletModel
+from palletloc.paper.joint_search import JointSearch, JointSearchConfig, search_jointly
 from palletloc.paper.position import PositionConfig, Sweep, sweep
-from palletloc.shot import Shot
+from tests.palletloc.poses import FLOOR, POSE, Portrait, blanked, moved, slid
 
-POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
-FLOOR = HeightPrior(0.0, 0.003)
 CONFIG = PositionConfig()
-Portrait = Callable[..., Shot]
 
 
 def swept(
-    shot: Shot,
-    model: PalletModel,
-    start: LevelPose = POSE,
-    prior: HeightPrior | None = FLOOR,
-    yaw_known: bool = True,
+    shot: Shot, model: PalletModel, start: LevelPose = POSE, prior: HeightPrior | None = FLOOR, yaw_known: bool = True
 ) -> Sweep | Reason:
     return sweep(shot, start, model, prior, yaw_known, CONFIG)
-
-
-def along_ray(shot: Shot, pose: LevelPose, factor: float) -> LevelPose:
-    x, y, z = shot.mounting.center + factor * (np.array([pose.x, pose.y, pose.z]) - shot.mounting.center)
-    return replace(pose, x=x, y=y, z=z)
 
 
 def off(pose: LevelPose, truth: LevelPose = POSE) -> tuple[float, float]:
@@ -42,13 +27,13 @@ def off(pose: LevelPose, truth: LevelPose = POSE) -> tuple[float, float]:
 
 @pytest.mark.parametrize("factor", [0.97, 1.0, 1.03])
 @pytest.mark.parametrize("prior", [FLOOR, None], ids=["level", "free"])
-def test_the_best_peak_is_the_pallet_wherever_on_the_ray_it_starts(
+def test_the_best_peak_is_the_pallet_from_all_along_its_ray(
     model: PalletModel, factor: float, prior: HeightPrior | None, portrait: Portrait
 ) -> None:
     shot = portrait(model, POSE)
-    found = swept(shot, model, along_ray(shot, POSE, factor), prior)
+    found = swept(shot, model, slid(shot, POSE, factor), prior)
     assert isinstance(found, Sweep)
-    right, depth = min((off(peak) for peak in found.peaks), key=lambda one: float(np.hypot(*one)))
+    right, depth = min((off(peak) for peak in found.peaks), key=lambda away: float(np.hypot(*away)))
     assert abs(right) < 0.02
     assert abs(depth) < 0.03
     if prior is FLOOR:
@@ -58,12 +43,10 @@ def test_the_best_peak_is_the_pallet_wherever_on_the_ray_it_starts(
 
 @pytest.mark.parametrize("factor", [0.95, 1.05])
 @pytest.mark.parametrize("x", [-1.0, 2.3])
-def test_far_beside_the_camera_the_face_is_followed_along_its_ray(
-    factor: float, x: float, portrait: Portrait, t11: PalletModel
-) -> None:
+def test_far_aside_faces_are_followed_on_rays(factor: float, x: float, portrait: Portrait, t11: PalletModel) -> None:
     pose = replace(POSE, x=x)
     shot = portrait(t11, pose)
-    found = swept(shot, t11, along_ray(shot, pose, factor))
+    found = swept(shot, t11, slid(shot, pose, factor))
     assert isinstance(found, Sweep)
     assert np.abs(off(found.peaks[0], pose)).max() < 0.03
 
@@ -88,8 +71,7 @@ def test_the_curve_of_scores_belongs_to_the_depths(portrait: Portrait, t11: Pall
     assert found.depth[0] == pytest.approx(-CONFIG.nearer)
     assert found.depth[-1] >= CONFIG.farther
     assert found.best == pytest.approx(found.score.max())
-    best_depth = off(found.peaks[0])[1]
-    assert found.depth[found.score.argmax()] == pytest.approx(best_depth, abs=1e-6)
+    assert found.depth[found.score.argmax()] == pytest.approx(off(found.peaks[0])[1], abs=1e-6)
     assert found.best > np.median(found.score) + 0.1
 
 
@@ -97,26 +79,64 @@ def test_peaks_stand_apart(portrait: Portrait, epal: PalletModel) -> None:
     found = swept(portrait(epal, POSE), epal, prior=None, yaw_known=False)
     assert isinstance(found, Sweep)
     assert 1 <= len(found.peaks) <= CONFIG.peaks
-    for i, one in enumerate(found.peaks):
+    for i, peak in enumerate(found.peaks):
         for other in found.peaks[:i]:
-            apart = np.abs(one.as_array() - other.as_array())
+            apart = np.abs(peak.as_array() - other.as_array())
             assert np.linalg.norm(apart[:3]) > 0.01 or apart[3] > np.radians(1.0)
 
 
 def test_a_free_height_is_found(portrait: Portrait, t11: PalletModel) -> None:
-    shot = portrait(t11, POSE)
-    found = swept(shot, t11, replace(POSE, z=0.03), None)
+    found = swept(portrait(t11, POSE), t11, replace(POSE, z=0.03), None)
     assert isinstance(found, Sweep)
     assert min(abs(peak.z) for peak in found.peaks) < 0.03
 
 
-def test_nothing_is_found_in_a_plain_image(portrait: Portrait, t11: PalletModel) -> None:
-    shot = portrait(t11, POSE)
-    plain = replace(shot, image=np.full_like(shot.image, 90))
-    assert swept(plain, t11) is Reason.NO_PEAK
-
-
-def test_behind_the_face_or_outside_the_image_there_is_nothing_to_sweep(portrait: Portrait, t11: PalletModel) -> None:
+def test_nothing_is_found_in_a_plain_image_from_behind_or_outside(portrait: Portrait, t11: PalletModel) -> None:
+    assert swept(blanked(portrait(t11, POSE)), t11) is Reason.NO_PEAK
     shot = portrait(t11, POSE)
     assert swept(shot, t11, replace(POSE, yaw=-np.pi / 2)) is Reason.BEHIND_FACE
     assert swept(shot, t11, replace(POSE, x=5.0)) is Reason.OUT_OF_VIEW
+
+
+# Yaw and distance together.
+
+JOINT = JointSearchConfig(turns=7, depths=7)
+
+
+def searched(shot: Shot, model: PalletModel, start: LevelPose = POSE) -> JointSearch | Reason:
+    return search_jointly(shot, start, model, JOINT)
+
+
+@pytest.mark.parametrize("turn_deg", [-4.0, 0.0, 4.0])
+@pytest.mark.parametrize("factor", [0.98, 1.02])
+def test_yaw_and_distance_are_found_within_the_steps_of_the_search(
+    turn_deg: float, factor: float, portrait: Portrait, t11: PalletModel
+) -> None:
+    shot = portrait(t11, POSE)
+    found = searched(shot, t11, moved(slid(shot, POSE, factor), turn_deg=turn_deg))
+    assert isinstance(found, JointSearch)
+    pose = found.forklift_from_pallet
+    assert np.hypot(pose.x - POSE.x, pose.y - POSE.y) < 0.08
+    assert abs(pose.z) < 0.06
+    assert abs(pose.yaw - POSE.yaw) < np.radians(3.0)  # yaw and distance trade off
+
+
+def test_the_best_score_is_that_of_the_pose(portrait: Portrait, t11: PalletModel) -> None:
+    start = replace(POSE, yaw=POSE.yaw + np.radians(4.0))
+    found = searched(portrait(t11, POSE), t11, start)
+    assert isinstance(found, JointSearch)
+    assert found.score.shape == (len(found.turns), len(found.depths)) == (7, 7)
+    assert found.best == found.score.max()
+    turn = found.turns[np.unravel_index(found.score.argmax(), found.score.shape)[0]]
+    assert turn < 0
+    assert found.forklift_from_pallet.yaw == pytest.approx(start.yaw + turn)
+    np.testing.assert_allclose(np.degrees(found.turns), np.linspace(-6.0, 6.0, 7))
+
+
+def test_nothing_is_found_jointly_in_a_plain_image(portrait: Portrait, t11: PalletModel) -> None:
+    assert searched(blanked(portrait(t11, POSE)), t11) is Reason.NO_PEAK
+
+
+@pytest.mark.parametrize("start", [replace(POSE, yaw=-np.pi / 2), LevelPose(0.3, 0.1, 0.0, np.pi / 2)])
+def test_behind_or_at_the_face_nothing_is_searched(start: LevelPose, portrait: Portrait, t11: PalletModel) -> None:
+    assert searched(portrait(t11, POSE), t11, start) is Reason.BEHIND_FACE

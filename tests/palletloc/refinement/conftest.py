@@ -1,14 +1,11 @@
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import cv2
 import numpy as np
 import pytest
 
-from palletloc.cameras import CameraModel
+from palletloc import CameraModel, PalletModel
 from palletloc.geometry import FloatArray, Image
-from palletloc.pallet import PalletModel
 
 Paint = Callable[[FloatArray], FloatArray]
 """Gives the gray levels of (..., 2) points of a plane: right and up, in metres."""

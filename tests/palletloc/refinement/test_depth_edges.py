@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -10,14 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform
 
-from palletloc.cameras import CameraModel
+from palletloc import CameraModel, LevelPose, Mounting, PalletModel, Shot, load_library
 from palletloc.edge_fit import EdgeFit
 from palletloc.face import edge_shift, face_lines
-from palletloc.geometry import FloatArray, Image, LevelPose
+from palletloc.geometry import FloatArray
 from palletloc.measurement import HeightPrior
-from palletloc.mounting import Mounting
-from palletloc.pallet import PalletModel
-from palletloc.pallet_library import load_library
 from palletloc.refinement import depth_edges
 from palletloc.refinement.depth_edges import (
     CREASE_SEEN,
@@ -32,9 +27,9 @@ from palletloc.refinement.depth_edges import (
 from palletloc.refinement.edges import MeasuredEdge, SeenFace
 from palletloc.refinement.face_fit import FaceEstimate, FaceFitConfig, FacePrior, fit_face
 from palletloc.refinement.normal_equations import FaceEquations
-from palletloc.shot import Shot
 from palletloc.synthetic.materials import WOODS
 from palletloc.synthetic.pallet_solid import PalletBody
+from tests.palletloc.poses import Paints, Portrait
 
 LIBRARY = load_library()
 FACES = ["epal1-1200", "epal1-800"]
@@ -61,28 +56,10 @@ def test_nothing_is_seen_through_openings_far_below(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", FACES)
-def test_an_edge_its_image_and_the_camera_lie_on_one_line(name: str) -> None:
+def test_an_edge_of_a_block_its_image_and_the_camera_lie_on_one_line(name: str) -> None:
     for camera, edge in every_edge(name):
-        image = np.array([*edge.image.middle, 0.0])
-        way, whole = image - camera, np.array(edge.place) - camera
+        way, whole = np.array([*edge.image.middle, 0.0]) - camera, np.array(edge.place) - camera
         np.testing.assert_allclose(way, whole * edge.scale, atol=1e-12)
-
-
-@pytest.mark.parametrize("name", FACES)
-def test_nothing_of_the_pallet_stands_before_an_edge_that_is_seen(name: str) -> None:
-    model = LIBRARY[name]
-    body = PalletBody(LevelPose(0.0, 0.0, 0.0, 0.0), model, WOODS[0])
-    seen = every_edge(name)
-    assert len(seen) > 60
-    part = np.linspace(0.0, 1.0, 1500)
-    for camera, edge in seen:
-        right, up, near = (camera + part[:, None] * (np.array(edge.place) - camera)).T
-        distance = body.distance(np.stack([-near, -right, up]).astype(np.float32))
-        assert distance.min() > -0.001
-
-
-@pytest.mark.parametrize("name", FACES)
-def test_an_edge_is_one_of_a_block(name: str) -> None:
     model = LIBRARY[name]
     depths = [depth for row in model.block_rows for depth in row][1:]
     for _, edge in every_edge(name):
@@ -90,6 +67,18 @@ def test_an_edge_is_one_of_a_block(name: str) -> None:
         assert near == -depths[edge.level]
         sides = [block[edge.outward > 0] for block in model.blocks]
         assert right in sides
+
+
+@pytest.mark.parametrize("name", FACES)
+def test_nothing_of_the_pallet_stands_before_an_edge_that_is_seen(name: str) -> None:
+    body = PalletBody(LevelPose(0.0, 0.0, 0.0, 0.0), LIBRARY[name], WOODS[0])
+    seen = every_edge(name)
+    assert len(seen) > 60
+    part = np.linspace(0.0, 1.0, 1500)
+    for camera, edge in seen:
+        right, up, near = (camera + part[:, None] * (np.array(edge.place) - camera)).T
+        distance = body.distance(np.stack([-near, -right, up]).astype(np.float32))
+        assert distance.min() > -0.001
 
 
 @pytest.mark.parametrize("name", FACES)
@@ -145,7 +134,7 @@ def noted(monkeypatch: pytest.MonkeyPatch) -> list[DepthPeaks]:
 
 
 @pytest.fixture
-def striped(paint_plane: Callable[..., Image], narrow_view: CameraModel, noted: list[DepthPeaks]) -> Striped:
+def striped(paint_plane: Paints, narrow_view: CameraModel, noted: list[DepthPeaks]) -> Striped:
     """Return a function that looks for edges whose images are painted so far to the right of their places."""
 
     def looked(model: PalletModel, aside: float) -> tuple[tuple[DepthEdge, ...], DepthPeaks]:
@@ -166,8 +155,7 @@ def striped(paint_plane: Callable[..., Image], narrow_view: CameraModel, noted: 
 
 @pytest.mark.parametrize("aside", [0.0, 0.005, -0.006])
 def test_a_peak_is_found_where_the_image_changes(aside: float, striped: Striped) -> None:
-    model = replace(LIBRARY["epal1-1200"], edge_radius=0.0)
-    _, peaks = striped(model, aside)
+    _, peaks = striped(replace(LIBRARY["epal1-1200"], edge_radius=0.0), aside)
     strongest = [places[shares.argmax()] for places, shares in zip(peaks.places, peaks.shares, strict=True)]
     assert len(strongest) >= 4
     assert np.median(np.abs(np.array(strongest) - aside)) < 0.002
@@ -211,15 +199,13 @@ RIDGE = np.array([0.002, 0.003, 0.006, -0.004, 0.005])
 SIGMA = np.full(5, 0.002)
 START = np.array([0.001, -0.002, 0.0, 0.003, 0.0])
 LEVEL = LevelPose(1.1, 1.9, 1.78, np.pi / 2 + 0.02)
-Portrait = Callable[..., Shot]
 
 
 def peaks_at(*places: FloatArray) -> DepthPeaks:
     """Peaks of equal strength around five contours: each array has one for every edge."""
     own = tuple(np.array(each) for each in zip(*places, strict=True)) if places else (np.zeros(0),) * 5
     shares = tuple(np.full(len(each), 1 / max(len(each), 1)) for each in own)
-    edges = (CONTOURS * 5)[:5]
-    return DepthPeaks(edges, own, shares, np.full(5, 0.03))
+    return DepthPeaks((CONTOURS * 5)[:5], own, shares, np.full(5, 0.03))
 
 
 @given(st.floats(-2.5, 2.5))
@@ -239,39 +225,30 @@ def test_one_peak_that_contradicts_hardly_matters(place: float, which: int, off:
     assert vote.evidence > 0
 
 
-def test_other_peaks_beside_the_right_ones_are_left_out() -> None:
+def test_other_peaks_are_left_out_and_those_nowhere_near_speak_against_the_pose() -> None:
     others = np.random.default_rng(3).uniform(-0.025, 0.025, (3, 5))
     vote = count_votes(peaks_at(START + RIDGE, *others), START, RIDGE, SIGMA, 1.0)
     assert abs(vote.place - 1.0) < 3 * vote.sigma
     assert vote.sigma < 0.6
-
-
-def test_peaks_that_are_nowhere_near_speak_against_the_pose_and_say_nothing() -> None:
     vote = count_votes(peaks_at(np.full(5, 0.029)), START, RIDGE, SIGMA / 4, 1.0)
     assert vote.evidence < -2
     assert vote.sigma > 3
 
 
-def test_without_any_peak_nothing_is_known() -> None:
+def test_without_any_peak_or_with_two_equally_good_ones_the_place_is_open() -> None:
     vote = count_votes(peaks_at(), START, RIDGE, SIGMA, 1.0)
     assert vote.evidence == pytest.approx(0.0)
     assert vote.sigma > 30
-
-
-def test_two_places_that_are_equally_good_leave_it_open() -> None:
     both = count_votes(peaks_at(START - 2 * RIDGE, START + 2 * RIDGE), START, RIDGE, SIGMA, 1.0)
     assert abs(both.place) < both.sigma
     assert both.sigma > 2
 
 
-def test_a_wide_ridge_is_searched_farther() -> None:
+def test_a_wide_ridge_is_searched_farther_and_a_crease_counts_less_than_a_contour() -> None:
     found = peaks_at(START + 7 * RIDGE)
     narrow, wide = (count_votes(found, START, RIDGE, SIGMA, width) for width in (1.0, 4.0))
     assert wide.place == pytest.approx(7.0, abs=0.2)
     assert wide.evidence > narrow.evidence
-
-
-def test_a_crease_counts_less_than_a_contour() -> None:
     contours = peaks_at(START + RIDGE)
     creases = replace(contours, edges=tuple(replace(edge, contour=False) for edge in contours.edges))
     strong, weak = (count_votes(peaks, START, RIDGE, SIGMA, 1.0) for peaks in (contours, creases))

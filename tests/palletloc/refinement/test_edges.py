@@ -1,24 +1,17 @@
-from __future__ import annotations
-
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from palletloc import LevelPose, Mounting, PalletModel, Shot
 from palletloc.cameras import CameraModel, Equirectangular, Pinhole
 from palletloc.face import EdgeKind, face_lines
-from palletloc.geometry import Image, LevelPose
 from palletloc.measurement import Reason
-from palletloc.mounting import Mounting
-from palletloc.pallet import PalletModel
 from palletloc.refinement.edges import BORDERING, EdgeReach, MeasuredEdge, SeenFace, measure_face
-from palletloc.shot import Shot
+from tests.palletloc.poses import POSE, Portrait, Shoots, blanked, moved
 
-POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
 REACH = EdgeReach(0.012, 0.012, 1.5)
-Portrait = Callable[..., Shot]
 
 
 def seen_at(shot: Shot, pose: LevelPose, model: PalletModel, reach: EdgeReach = REACH) -> SeenFace:
@@ -35,11 +28,6 @@ def blank(camera: CameraModel, mounting: Mounting) -> Shot:
     return Shot(np.zeros((camera.height, camera.width), np.uint8), camera, mounting)
 
 
-def moved(pose: LevelPose, right: float, up: float) -> LevelPose:
-    x, y = pose.x + right * np.sin(pose.yaw), pose.y - right * np.cos(pose.yaw)
-    return replace(pose, x=x, y=y, z=pose.z + up)
-
-
 def test_a_face_knows_where_the_camera_is(portrait: Portrait, t11: PalletModel) -> None:
     shot = portrait(t11, POSE)
     seen = seen_at(shot, POSE, t11)
@@ -50,21 +38,23 @@ def test_a_face_knows_where_the_camera_is(portrait: Portrait, t11: PalletModel) 
 
 def test_edges_are_where_the_true_pose_says(model: PalletModel, portrait: Portrait) -> None:
     edges = edges_at(portrait(model, POSE), POSE, model)
-    certain = [one for one in edges if one.edge.kind is not EdgeKind.TOP]  # a load stands on the upper edge
-    offsets = np.array([one.fit.offset for one in certain])
+    certain = [
+        measured for measured in edges if measured.edge.kind is not EdgeKind.TOP
+    ]  # a load stands on the upper edge
+    offsets = np.array([measured.fit.offset for measured in certain])
     assert len(certain) >= 6
     assert np.median(np.abs(offsets)) < 0.003
-    normalised = offsets / np.array([np.hypot(one.sigma, one.shift.sigma) for one in certain])
+    normalised = offsets / np.array([np.hypot(measured.sigma, measured.shift.sigma) for measured in certain])
     assert np.mean(np.abs(normalised) < 3.0) > 0.7
-    level = [one for one in certain if one.edge.horizontal and one.edge.length > 0.5]
-    assert all(abs(one.fit.slope) < np.radians(1.25) for one in level)
+    level = [measured for measured in certain if measured.edge.horizontal and measured.edge.length > 0.5]
+    assert all(abs(measured.fit.slope) < np.radians(1.25) for measured in level)
 
 
 @pytest.mark.parametrize(("right", "up"), [(0.005, 0.0), (0.0, -0.005), (-0.004, 0.004)])
 def test_edges_move_against_the_pose(right: float, up: float, portrait: Portrait, t11: PalletModel) -> None:
     shot = portrait(t11, POSE)
-    before = {one.edge: one for one in edges_at(shot, POSE, t11)}
-    after = {one.edge: one for one in edges_at(shot, moved(POSE, right, up), t11)}
+    before = {measured.edge: measured for measured in edges_at(shot, POSE, t11)}
+    after = {measured.edge: measured for measured in edges_at(shot, moved(POSE, right, up=up), t11)}
     common = [edge for edge in before if edge in after and before[edge].fit.coverage > 0.6]
     assert len(common) >= 6
     expected = np.array([-right * edge.outward[0] - up * edge.outward[1] for edge in common])
@@ -75,9 +65,8 @@ def test_edges_move_against_the_pose(right: float, up: float, portrait: Portrait
 
 def test_a_pixel_is_larger_where_the_face_is_seen_aslant(portrait: Portrait, t11: PalletModel) -> None:
     edges = edges_at(portrait(t11, POSE), POSE, t11)
-    across = {one.edge.horizontal: one.pixel for one in edges}
-    distance = float(np.hypot(POSE.x - 0.3, POSE.y + 0.08))
-    straight = np.hypot(distance, 1.85) / 560.0
+    across = {measured.edge.horizontal: measured.pixel for measured in edges}
+    straight = np.hypot(float(np.hypot(POSE.x - 0.3, POSE.y + 0.08)), 1.85) / 560.0
     assert across[False] > straight
     assert across[True] > straight  # seen from 40 degrees above
 
@@ -101,15 +90,12 @@ def test_the_upper_edge_may_be_loaded_from_above_and_not_from_below(t11: PalletM
         assert not any(kinds.values())
 
 
-def test_from_below_the_lower_edge_is_not_measured(portrait: Portrait, t11: PalletModel) -> None:
+def test_a_line_is_expected_unless_loaded_or_hidden_by_a_beam(portrait: Portrait, t11: PalletModel) -> None:
     high = replace(POSE, z=2.6)
     seen = seen_at(portrait(t11, high), high, t11)
-    assert EdgeKind.BOTTOM not in {one.edge.kind for one in seen.edges}
+    assert EdgeKind.BOTTOM not in {measured.edge.kind for measured in seen.edges}
     lines = [line.whole for line in face_lines(t11) if line.kind != EdgeKind.BOTTOM]
     assert seen.expected == pytest.approx(sum(seen.evidence_weight(line) for line in lines))
-
-
-def test_it_expects_every_line_but_a_loaded_one(portrait: Portrait, t11: PalletModel) -> None:
     seen = seen_at(portrait(t11, POSE), POSE, t11)
     assert seen.expected == pytest.approx(len(face_lines(t11)) - 1 - (1 - BORDERING))
 
@@ -137,9 +123,7 @@ def test_from_behind_there_is_no_face(behind: LevelPose, portrait: Portrait, t11
 
 
 @pytest.mark.parametrize("grown", [0.0023, -0.0037])
-def test_drawn_edges_are_measured_to_a_tenth_of_a_pixel(
-    model: PalletModel, grown: float, shoot_face: Callable[..., Image]
-) -> None:
+def test_drawn_edges_are_measured_to_a_tenth_of_a_pixel(model: PalletModel, grown: float, shoot_face: Shoots) -> None:
     sharp = replace(model, edge_radius=0.0)
     camera = Pinhole(900, 320, 900.0, 900.0, 449.5, 159.5)
     turned = Rotation.from_euler("ZYX", [1.25, 0.42, 0.03])
@@ -149,15 +133,15 @@ def test_drawn_edges_are_measured_to_a_tenth_of_a_pixel(
     shot = replace(shot, image=shoot_face(camera, shot.camera_from_face(pose), sharp, grown))
     seen = seen_at(shot, pose, sharp, EdgeReach(0.011, 0.011, 1.5))
     assert len(seen.edges) == len(face_lines(model))
-    for one in seen.edges:
-        assert one.fit.coverage > 0.9
-        assert one.fit.offset == pytest.approx(grown, abs=0.1 * one.pixel)
-        assert abs(one.fit.slope) * one.edge.length < 0.2 * one.pixel
+    for measured in seen.edges:
+        assert measured.fit.coverage > 0.9
+        assert measured.fit.offset == pytest.approx(grown, abs=0.1 * measured.pixel)
+        assert abs(measured.fit.slope) * measured.edge.length < 0.2 * measured.pixel
 
 
 @pytest.mark.parametrize("columns", [0, 1, 480, 951])
 def test_a_face_across_the_seam_of_a_closed_image_is_measured_like_any_other(
-    columns: int, shoot_face: Callable[..., Image], t11: PalletModel
+    columns: int, shoot_face: Shoots, t11: PalletModel
 ) -> None:
     camera, sharp = Equirectangular(1600, 800), replace(t11, edge_radius=0.0)
     tilted = Rotation.from_euler("ZYX", [0.0, 0.02, 0.01])
@@ -173,38 +157,33 @@ def test_a_face_across_the_seam_of_a_closed_image_is_measured_like_any_other(
         for picture, where in ((image, mounting), (np.roll(image, shift, axis=1), turned))
     )
     assert len(straight.edges) == len(across.edges) == len(face_lines(t11))
-    for one, other in zip(straight.edges, across.edges, strict=True):
-        assert other.edge == one.edge
-        assert other.fit.offset == pytest.approx(one.fit.offset, abs=0.01 * one.pixel)
-        assert other.pixel == pytest.approx(one.pixel, rel=1e-6)
+    for measured, other in zip(straight.edges, across.edges, strict=True):
+        assert other.edge == measured.edge
+        assert other.fit.offset == pytest.approx(measured.fit.offset, abs=0.01 * measured.pixel)
+        assert other.pixel == pytest.approx(measured.pixel, rel=1e-6)
     np.testing.assert_allclose(across.plane_from_camera, shot.camera_in(pose), atol=1e-9)
 
 
-def test_colour_and_gray_agree(portrait: Portrait, epal: PalletModel) -> None:
+def test_every_edge_carries_what_the_face_says_of_it_and_colour_and_gray_agree(
+    portrait: Portrait, epal: PalletModel
+) -> None:
     shot = portrait(epal, POSE)
     gray = replace(shot, image=np.asarray(shot.image.mean(axis=2), dtype=np.uint8))
     same = replace(shot, image=np.repeat(gray.image[..., None], 3, axis=2))
-    one, other = edges_at(gray, POSE, epal), edges_at(same, POSE, epal)
-    assert [edge.edge for edge in one] == [edge.edge for edge in other]
-    np.testing.assert_allclose([e.fit.offset for e in one], [e.fit.offset for e in other], atol=1e-6)
-
-
-def test_a_plain_image_has_no_edges(portrait: Portrait, t11: PalletModel) -> None:
-    shot = portrait(t11, POSE)
-    plain = replace(shot, image=np.full_like(shot.image, 100))
-    assert edges_at(plain, POSE, t11) == ()
-
-
-def test_every_edge_carries_what_the_face_says_of_it(portrait: Portrait, epal: PalletModel) -> None:
+    first, other = edges_at(gray, POSE, epal), edges_at(same, POSE, epal)
+    assert [edge.edge for edge in first] == [edge.edge for edge in other]
+    np.testing.assert_allclose([e.fit.offset for e in first], [e.fit.offset for e in other], atol=1e-6)
     seen = seen_at(portrait(epal, POSE), POSE, epal)
     assert set(seen.lines) == {line.whole for line in face_lines(epal)}
     for measured in seen.edges:
         assert measured.evidence_weight == seen.evidence_weight(measured.edge)
 
 
-def test_lines_that_something_stands_before_are_hidden_and_not_measured(
-    portrait: Portrait, epal: PalletModel
-) -> None:
+def test_a_plain_image_has_no_edges(portrait: Portrait, t11: PalletModel) -> None:
+    assert edges_at(blanked(portrait(t11, POSE), 100), POSE, t11) == ()
+
+
+def test_lines_behind_something_are_hidden_and_not_measured(portrait: Portrait, epal: PalletModel) -> None:
     shot, before = portrait(epal, POSE), (0.35, 0.61)
     free, seen = (measure_face(shot, POSE, epal, REACH, spans) for spans in ((), (before,)))
     assert isinstance(free, SeenFace)

@@ -1,27 +1,23 @@
-from __future__ import annotations
-
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from palletloc import LevelPose, Mounting, PalletModel, load_library
 from palletloc.edge_fit import EdgeFit
 from palletloc.face import FaceEdge, edge_shift, face_lines
-from palletloc.geometry import FloatArray, LevelPose
-from palletloc.mounting import Mounting
-from palletloc.pallet import PalletModel
-from palletloc.pallet_library import load_library
+from palletloc.geometry import FloatArray
 from palletloc.plane import PALLET_FROM_VERTICAL
 from palletloc.refinement.depth_edges import DepthEdge, visible_depth_edges
 from palletloc.refinement.edges import MeasuredEdge, SeenFace
 from palletloc.refinement.normal_equations import DEPTH_ERROR, FaceEquations, FaceSolution, apparent_motion
+from tests.palletloc.poses import Mounted
 
 POSE = LevelPose(0.9, 2.0, 0.15, 1.7)
 STEP = 1e-5
 NONE = np.zeros(6)
-Mounted = Callable[..., RigidTransform]
 
 
 @pytest.fixture
@@ -60,8 +56,7 @@ class Geometry:
     def image(self, point: Sequence[float] | FloatArray) -> FloatArray:
         in_forklift = self.seeming.apply(self.face.apply([*point, 0.0][:3]))
         camera = self.plane_from_forklift.apply(self.assumed.center)
-        seen = self.plane_from_forklift.apply(in_forklift)
-        ray = seen - camera
+        ray = self.plane_from_forklift.apply(in_forklift) - camera
         reached: FloatArray = (camera - ray * camera[2] / ray[2])[:2]
         return reached
 
@@ -107,9 +102,7 @@ def induced(mounting: Mounting, errors: FloatArray) -> FloatArray:
 
 @pytest.mark.parametrize("unknown", range(4))
 @pytest.mark.parametrize("slopes", [False, True])
-def test_a_small_motion_is_recovered_from_where_the_edges_went(
-    unknown: int, slopes: bool, t11: PalletModel, mounting: Mounting
-) -> None:
+def test_edges_tell_a_small_motion(unknown: int, slopes: bool, t11: PalletModel, mounting: Mounting) -> None:
     motion = STEP * np.eye(4)[unknown]
     system = FaceEquations(seen_face(t11, mounting, motion), POSE, mounting, t11)
     if slopes:
@@ -117,7 +110,7 @@ def test_a_small_motion_is_recovered_from_where_the_edges_went(
     np.testing.assert_allclose(system.solve().motion, motion, atol=0.02 * STEP)
 
 
-def test_motions_add_up(t11: PalletModel, mounting: Mounting) -> None:
+def test_slopes_give_the_yaw_and_motions_add_up(t11: PalletModel, mounting: Mounting) -> None:
     motion = STEP * np.array([1.0, -2.0, 3.0, 1.5])
     seen = seen_face(t11, mounting, motion)
     solution = FaceEquations(seen, POSE, mounting, t11).solve()
@@ -125,6 +118,11 @@ def test_motions_add_up(t11: PalletModel, mounting: Mounting) -> None:
     np.testing.assert_allclose(solution.shifts, [edge.fit.offset for edge in seen.edges], atol=0.05 * STEP)
     assert solution.chi2 < 1.0
     np.testing.assert_allclose(solution.weights, 1.0, atol=1e-3)
+    turn = STEP * np.array([0.0, 0.0, 0.0, 1.0])
+    system = FaceEquations(seen_face(t11, mounting, turn, sigma=10.0), POSE, exact(mounting), t11)
+    system.add_slopes(0.1)
+    system.add_height(0.0, 1e-3)
+    assert system.solve().motion[3] == pytest.approx(STEP, rel=0.02)
 
 
 def test_points_seem_to_move_as_they_do_with_a_wrong_mounting(mounting: Mounting) -> None:
@@ -148,9 +146,7 @@ def test_a_wrong_mounting_moves_the_pallet_as_geometry_says(axis: int, t11: Pall
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2, 5], ids=["x", "y", "z", "yaw"])
-def test_the_covariance_holds_the_motion_that_the_mountings_error_makes(
-    axis: int, t11: PalletModel, mounting: Mounting
-) -> None:
+def test_the_covariance_holds_the_motion_of_a_mounting_error(axis: int, t11: PalletModel, mounting: Mounting) -> None:
     sigma = 0.002 * np.eye(6)[axis]
     uncertain = Mounting(mounting.forklift_from_camera, tuple(sigma[:3]), tuple(sigma[3:]))
     solution = FaceEquations(seen_face(t11, mounting, sigma=1e-7), POSE, uncertain, t11).solve()
@@ -184,9 +180,7 @@ def test_a_known_height_pulls_the_depth_as_the_camera_looks_down(t11: PalletMode
 
 
 @pytest.mark.parametrize(("name", "unknown"), [("height", 1), ("turn", 3), ("yaw", 3)])
-def test_what_is_known_beforehand_rules_where_edges_say_little(
-    name: str, unknown: int, t11: PalletModel, mounting: Mounting
-) -> None:
+def test_priors_rule_where_edges_say_little(name: str, unknown: int, t11: PalletModel, mounting: Mounting) -> None:
     system = FaceEquations(seen_face(t11, mounting, sigma=10.0), POSE, exact(mounting), t11)
     if name == "height":
         system.add_height(0.004, 0.002)
@@ -199,9 +193,7 @@ def test_what_is_known_beforehand_rules_where_edges_say_little(
     assert np.sqrt(solution.covariance[unknown, unknown]) == pytest.approx(0.002, rel=1e-2)
 
 
-def test_a_yaw_from_a_line_shares_the_mountings_error_and_a_known_turn_does_not(
-    t11: PalletModel, mounting: Mounting
-) -> None:
+def test_a_lines_yaw_shares_a_mountings_error_and_a_known_turn_does_not(t11: PalletModel, mounting: Mounting) -> None:
     turned = Mounting(mounting.forklift_from_camera, (0.0, 0.0, 0.0), (0.0, 0.0, 0.005))
     sigmas = []
     for add in ("add_yaw", "add_turn"):
@@ -210,14 +202,6 @@ def test_a_yaw_from_a_line_shares_the_mountings_error_and_a_known_turn_does_not(
         sigmas.append(float(np.sqrt(system.solve().covariance[3, 3])))
     assert sigmas[0] == pytest.approx(0.005, rel=1e-2)
     assert sigmas[1] < 1e-4
-
-
-def test_slopes_give_the_yaw_where_offsets_do_not(t11: PalletModel, mounting: Mounting) -> None:
-    turn = STEP * np.array([0.0, 0.0, 0.0, 1.0])
-    system = FaceEquations(seen_face(t11, mounting, turn, sigma=10.0), POSE, exact(mounting), t11)
-    system.add_slopes(0.1)
-    system.add_height(0.0, 1e-3)
-    assert system.solve().motion[3] == pytest.approx(STEP, rel=0.02)
 
 
 def test_one_edge_that_contradicts_the_others_loses_its_weight(t11: PalletModel, mounting: Mounting) -> None:

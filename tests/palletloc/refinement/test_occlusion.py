@@ -1,6 +1,4 @@
-from __future__ import annotations
-
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -10,12 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from palletloc import LevelPose, Mounting, Opening, PalletModel, Shot
 from palletloc.cameras import Pinhole
 from palletloc.edge_fit import EdgeFit, EdgePeaks
 from palletloc.face import EdgeKind, FaceEdge, face_lines
-from palletloc.geometry import FloatArray, Image, LevelPose
-from palletloc.mounting import Mounting
-from palletloc.pallet import Opening, PalletModel
+from palletloc.geometry import FloatArray
 from palletloc.plane import PALLET_FROM_VERTICAL
 from palletloc.refinement.occlusion import (
     BINS,
@@ -30,7 +27,7 @@ from palletloc.refinement.occlusion import (
 )
 from palletloc.refinement.patch import FacePatch, view_patch
 from palletloc.refinement.profiles import FaceCuts, face_cuts
-from palletloc.shot import Shot
+from tests.palletloc.poses import Paints
 
 OPENINGS = tuple(Opening(center, 0.022, 0.3825, 0.1) for center in (-0.26375, 0.26375))
 MODEL = PalletModel("two_openings", 1.2, 0.144, 0.8, OPENINGS)
@@ -55,7 +52,7 @@ class Face:
     fits: list[EdgeFit | None]
 
     @staticmethod
-    def drawn() -> Face:
+    def drawn() -> "Face":
         cuts = face_cuts(MODEL, 0.005, 0.005, False)
         strength = cuts.by_line(np.full(len(cuts.along), LINE.strength), -1.0)
         return Face(cuts, np.zeros_like(strength), strength, [LINE] * len(cuts.lines))
@@ -72,8 +69,7 @@ class Face:
             if instead == "beside":
                 self.offset[row, lost] = 2 * TOLERANCE
             else:
-                factor = {"nothing": 0.0, "fainter": 0.2, "stronger": 5.0}[instead]
-                self.strength[row, lost] *= factor
+                self.strength[row, lost] *= {"nothing": 0.0, "fainter": 0.2, "stronger": 5.0}[instead]
 
     def hidden(self) -> Spans:
         peaks = EdgePeaks(self.cuts.by_line(self.cuts.along, 0.0), self.offset, self.strength)
@@ -87,8 +83,13 @@ def separate(draw: st.DrawFn) -> Spans:
     return tuple((0.01 * low, 0.01 * high) for low, high in zip(ends[::2], ends[1::2], strict=False))
 
 
-def test_where_all_lines_are_seen_nothing_is_hidden() -> None:
+def test_seen_lines_lost_uprights_and_a_dent_hide_nothing() -> None:
     assert Face.drawn().hidden() == ()
+    face = Face.drawn()
+    face.lose(-HALF, HALF, [EdgeKind.SIDE, EdgeKind.OPENING_SIDE])
+    assert face.hidden() == ()
+    face.lose(-0.4 * BIN, 0.4 * BIN)
+    assert face.hidden() == ()
 
 
 @pytest.mark.parametrize("instead", LOST)
@@ -183,18 +184,6 @@ def test_a_line_alone_widens_what_others_say(side: float) -> None:
     assert face.hidden() == ()
 
 
-def test_upright_lines_have_no_vote() -> None:
-    face = Face.drawn()
-    face.lose(-HALF, HALF, [EdgeKind.SIDE, EdgeKind.OPENING_SIDE])
-    assert face.hidden() == ()
-
-
-def test_a_dent_hides_nothing() -> None:
-    face = Face.drawn()
-    face.lose(-0.4 * BIN, 0.4 * BIN)
-    assert face.hidden() == ()
-
-
 def test_peaks_are_counted_along_the_measured_line_and_not_the_drawn_one() -> None:
     face = Face.drawn()
     slope, offset = 0.02, 0.02
@@ -241,9 +230,7 @@ stretches = st.lists(ends.map(lambda end: (float(end[0]), float(end[0] + end[1])
 
 
 @given(stretches, stretches)
-def test_joined_stretches_cover_the_same_once(
-    first: list[tuple[float, float]], second: list[tuple[float, float]]
-) -> None:
+def test_joined_stretches_cover_the_same_once(first: list[Stretch], second: list[Stretch]) -> None:
     found = joined(first, second)
     places = np.arange(0.25, 51.0, 0.5)
 
@@ -261,7 +248,6 @@ CAMERA = Pinhole(640, 480, 380.0, 380.0, 319.5, 239.5)
 MOUNTED = RigidTransform.from_components([0.3, -0.1, 1.0], Rotation.from_euler("ZYX", [1.2, 0.25, 0.02]))
 POSE = LevelPose(0.9, 2.2, 0.3, 1.4)
 FACE, FLOOR, GRAIN = 170.0, 90.0, 6.0
-Paints = Callable[..., Image]
 
 
 def seen(paint_plane: Paints, before: dict[tuple[float, float, float], float], aside: float = 0.0) -> FacePatch:
@@ -292,23 +278,26 @@ def test_a_post_that_reaches_below_the_face_is_seen(
     assert explained_part(patch, epal, POSE, [(left, right)]) == pytest.approx((right - left) / epal.width)
 
 
-def test_where_the_floor_goes_on_nothing_is_seen(paint_plane: Paints, epal: PalletModel) -> None:
+def test_what_is_only_on_the_face_or_only_below_it_or_floor_is_no_post(
+    paint_plane: Paints, epal: PalletModel
+) -> None:
     beside = seen(paint_plane, {}, aside=0.5)  # the real face stands half a metre aside: floor is where it should be
     assert explained_part(beside, epal, POSE, [(-0.6, -0.1)]) == 0.0
     above = seen(paint_plane, {(0.1, 0.4, 0.02): 20.0})
     assert explained_part(above, epal, POSE, [(0.1, 0.4)]) == 0.0
+    label = seen(paint_plane, {(-0.2, 0.1, 0.02): 20.0})
+    assert visible_occluders(label, epal, POSE) == ()
+    line = seen(paint_plane, {(-0.2, 0.1, -1.0): 20.0, (-0.25, 0.15, 0.0): FACE})
+    assert visible_occluders(line, epal, POSE) == ()
+    assert visible_occluders(label, epal, LevelPose(POSE.x, POSE.y, POSE.z - 0.3, POSE.yaw)) == ()
 
 
-def test_each_hidden_stretch_is_judged_by_itself(paint_plane: Paints, epal: PalletModel) -> None:
-    patch = seen(paint_plane, {(-0.4, -0.2, -1.0): 230.0})
-    found = explained_part(patch, epal, POSE, [(-0.4, -0.2), (0.3, 0.6)])
-    assert found == pytest.approx(0.2 / epal.width)
-
-
-def test_nothing_is_explained_where_nothing_is_hidden_or_nothing_is_left(
+def test_each_hidden_stretch_is_judged_by_itself_and_without_any_or_all_nothing_is_explained(
     paint_plane: Paints, epal: PalletModel
 ) -> None:
     patch = seen(paint_plane, {(-0.4, -0.2, -1.0): 230.0})
+    found = explained_part(patch, epal, POSE, [(-0.4, -0.2), (0.3, 0.6)])
+    assert found == pytest.approx(0.2 / epal.width)
     assert explained_part(patch, epal, POSE, []) == 0.0
     assert explained_part(patch, epal, POSE, [(-0.6, 0.6)]) == 0.0
     lifted = LevelPose(POSE.x, POSE.y, POSE.z - 0.3, POSE.yaw)  # what is below the face is out of the view
@@ -323,12 +312,3 @@ def test_a_post_before_a_face_is_seen_where_it_stands(
     ((low, high),) = visible_occluders(seen(paint_plane, {(left, right, -1.0): gray}), epal, POSE)
     assert low == pytest.approx(left, abs=0.025)
     assert high == pytest.approx(right, abs=0.025)
-
-
-def test_what_is_only_on_the_face_or_only_below_it_is_no_post(paint_plane: Paints, epal: PalletModel) -> None:
-    label = seen(paint_plane, {(-0.2, 0.1, 0.02): 20.0})
-    assert visible_occluders(label, epal, POSE) == ()
-    line = seen(paint_plane, {(-0.2, 0.1, -1.0): 20.0, (-0.25, 0.15, 0.0): FACE})
-    assert visible_occluders(line, epal, POSE) == ()
-    lifted = LevelPose(POSE.x, POSE.y, POSE.z - 0.3, POSE.yaw)
-    assert visible_occluders(label, epal, lifted) == ()

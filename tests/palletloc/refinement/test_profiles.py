@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable
 from dataclasses import fields, replace
@@ -9,20 +7,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from palletloc import Mounting, Opening, PalletModel, Shot
 from palletloc.cameras import CameraModel, DualFisheye, Equirectangular, FisheyeLens, KannalaBrandt, Pinhole
 from palletloc.face import face_lines
 from palletloc.geometry import BoolArray, FloatArray, Image
-from palletloc.mounting import Mounting
-from palletloc.pallet import Opening, PalletModel
 from palletloc.pallet_library import load_library
 from palletloc.plane import PALLET_FROM_VERTICAL
 from palletloc.projection import pixel_sizes
 from palletloc.refinement.profiles import FEWEST_CUTS, MOST_CUTS, FaceCuts, Profiles, cut_profiles, face_cuts
-from palletloc.shot import Shot
+from tests.palletloc.poses import Shoots
 
 BOX = PalletModel("box", 1.0, 0.4, 1.0, (Opening(-0.2, 0.1, 0.2, 0.2), Opening(0.2, 0.1, 0.2, 0.2)))
 REACH = 0.03
-Shoots = Callable[..., Image]
 
 
 def lens(cx: float) -> KannalaBrandt:
@@ -83,8 +79,7 @@ def shot_of(camera: CameraModel, image: Image) -> Shot:
 
 def read(camera: CameraModel, image: Image, camera_from_face: FloatArray, model: PalletModel = BOX) -> Read:
     middle = np.array([[0.0, model.height / 2]] * 2)
-    plane = RigidTransform.from_matrix(camera_from_face)
-    right, up = pixel_sizes(camera, plane, middle, np.eye(2))
+    right, up = pixel_sizes(camera, RigidTransform.from_matrix(camera_from_face), middle, np.eye(2))
     cuts = face_cuts(model, float(right), float(up), False)
     pixel = np.where(cuts.level[:, None], [[up, right]], [[right, up]])
     zero, reach = np.zeros(len(cuts.lines)), np.full(len(cuts.lines), REACH)
@@ -118,7 +113,7 @@ def test_the_seam_changes_nothing_wherever_it_is(at_the_seam: float, shoot_face:
         np.testing.assert_allclose(rolled.gradient(1.0), straight.gradient(1.0), atol=0.3)
 
 
-def test_colour_and_gray_agree(shoot_face: Shoots) -> None:
+def test_colour_gray_and_the_negative_have_the_same_profiles(shoot_face: Shoots) -> None:
     camera, direction = VIEWS["pinhole"]
     plane = facing(direction)
     image = shoot_face(camera, plane, BOX)
@@ -129,14 +124,9 @@ def test_colour_and_gray_agree(shoot_face: Shoots) -> None:
         only = np.full((*image.shape, 3), 128, np.uint8)
         only[..., channel] = image
         np.testing.assert_allclose(read(camera, only, plane).profiles.gradient(1.0), gray, rtol=1e-3, atol=1e-3)
-
-
-def test_the_negative_has_the_same_profiles(shoot_face: Shoots) -> None:
     camera, direction = VIEWS["fisheye"]
-    plane = facing(direction)
-    image = shoot_face(camera, plane, BOX)
-    one, other = (read(camera, picture, plane).profiles.gradient(1.0) for picture in (image, 255 - image))
-    np.testing.assert_allclose(one, other, atol=1e-3)
+    here, other = (read(camera, picture, plane).profiles.gradient(1.0) for picture in (image, 255 - image))
+    np.testing.assert_allclose(here, other, atol=1e-3)
 
 
 def test_a_shift_moves_the_cuts_with_it(shoot_face: Shoots) -> None:
@@ -198,15 +188,14 @@ def test_what_lies_on_one_stretch_of_a_line_does_not_reach_the_next(shoot_face: 
     plane = facing(direction)
     whole = shoot_face(camera, plane, BOX)
     half = shoot_face(camera, plane, replace(BOX, openings=BOX.openings[:1]))
-    one, other = (read(camera, image, plane) for image in (whole, half))
-    left = np.flatnonzero(one.cuts.points[:, 0] < -0.05)
-    mine = np.intersect1d(left, one.cuts.inner)
-    opened = [i for i, line in enumerate(one.cuts.lines) if line.kind.startswith("opening")]
-    mine = mine[np.isin(one.cuts.line[mine], opened)]
+    here, other = (read(camera, image, plane) for image in (whole, half))
+    mine = np.intersect1d(np.flatnonzero(here.cuts.points[:, 0] < -0.05), here.cuts.inner)
+    opened = [i for i, line in enumerate(here.cuts.lines) if line.kind.startswith("opening")]
+    mine = mine[np.isin(here.cuts.line[mine], opened)]
     assert len(mine) > 20
-    np.testing.assert_allclose(one.profiles.gradient(1.0)[mine], other.profiles.gradient(1.0)[mine], atol=0.2)
-    right = np.intersect1d(np.flatnonzero(one.cuts.points[:, 0] > 0.05), one.cuts.inner)
-    assert np.abs(one.profiles.gradient(1.0)[right] - other.profiles.gradient(1.0)[right]).max() > 10.0
+    np.testing.assert_allclose(here.profiles.gradient(1.0)[mine], other.profiles.gradient(1.0)[mine], atol=0.2)
+    right = np.intersect1d(np.flatnonzero(here.cuts.points[:, 0] > 0.05), here.cuts.inner)
+    assert np.abs(here.profiles.gradient(1.0)[right] - other.profiles.gradient(1.0)[right]).max() > 10.0
 
 
 # Where to cut.
@@ -317,16 +306,15 @@ def test_it_holds_for_every_pallet_of_the_library(law: Callable[[PalletModel], N
         law(each)
 
 
-def test_what_is_shared_cannot_be_written(t11: PalletModel) -> None:
+def test_what_is_shared_cannot_be_written_and_another_model_has_other_cuts(
+    t11: PalletModel, epal: PalletModel
+) -> None:
     cuts = cuts_of(t11)
     assert cuts_of(t11) is cuts
     arrays = [
         getattr(cuts, field.name) for field in fields(cuts) if isinstance(getattr(cuts, field.name), np.ndarray)
     ]
     assert not any(array.flags.writeable for array in arrays)
-
-
-def test_another_model_has_other_cuts_even_under_the_same_name(t11: PalletModel, epal: PalletModel) -> None:
     wider = replace(t11, width=t11.width + 0.004)
     for other in (wider, epal):
         here, there = cuts_of(t11), cuts_of(other)
@@ -336,9 +324,7 @@ def test_another_model_has_other_cuts_even_under_the_same_name(t11: PalletModel,
 
 
 @pytest.mark.parametrize("spacing", [1e-5, 10.0])
-def test_however_close_or_far_the_camera_a_stretch_has_some_cuts_and_not_too_many(
-    spacing: float, epal: PalletModel
-) -> None:
+def test_however_far_the_camera_a_stretch_has_some_cuts_and_not_too_many(spacing: float, epal: PalletModel) -> None:
     cuts = face_cuts(epal, spacing, spacing, False)
     stretches = sum(len(line.edges) for line in cuts.lines)
     assert len(cuts.inner) == stretches * (MOST_CUTS if spacing < 1e-3 else FEWEST_CUTS)

@@ -53,12 +53,3 @@ def lab_truth() -> dict[tuple[str, str], LevelPose]:
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(7)
-
-
-@pytest.fixture(scope="session")
-def shared_data() -> Path:
-    """Return the folder of recordings that may lie beside the repository."""
-    data = Path(__file__).resolve().parents[3].parent / "shared" / "data"
-    if not data.is_dir():
-        pytest.skip("the shared recordings are not here")
-    return data

@@ -2,14 +2,27 @@ import math
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palletloc.io.reading import InputError
-from palletloc.survey.gsi import GsiLineError, GsiWord, Kind, WordError, parse_gsi, parse_line, read_gsi
+from palletloc.survey.gsi import (
+    ANGLE_UNITS,
+    LENGTH_UNITS,
+    GsiBlock,
+    GsiLineError,
+    GsiWord,
+    Kind,
+    WordError,
+    parse_gsi,
+    parse_line,
+    read_gsi,
+)
+from palletloc.survey.gsi_points import read_gsi_points
 from palletloc.survey.point import SurveyError
-from tests.palletloc.survey.gsi_writer import format_block
+from tests.palletloc.survey.gsi_writer import format_block, measured_word, point_block, text_word, write_gsi
 
 # Lines of real instruments.
 REAL = [
@@ -27,10 +40,13 @@ TEXT = "\n".join(REAL)
 
 
 @pytest.mark.parametrize("line", REAL)
-def test_a_real_line_is_read_and_written_byte_by_byte(line: str) -> None:
+def test_a_real_line_is_read_and_written_byte_by_byte_with_and_without_a_blank_at_its_end(line: str) -> None:
     block = parse_line(line, 3)
     assert format_block(block) == line
     assert parse_line(format_block(block), 3) == block
+    bare = parse_line(line.rstrip())
+    assert bare.words == block.words
+    assert format_block(bare) == line.rstrip()
 
 
 def test_values_of_a_real_line() -> None:
@@ -58,13 +74,6 @@ def test_utf_16_and_other_alphabets_are_read(tmp_path: Path) -> None:
     word = read_gsi(path).blocks[0].word("71")
     assert word
     assert word.text == "H\u00f6he"
-
-
-@pytest.mark.parametrize("line", REAL)
-def test_a_missing_blank_at_the_end_changes_nothing_else(line: str) -> None:
-    block = parse_line(line.rstrip())
-    assert block.words == parse_line(line).words
-    assert format_block(block) == line.rstrip()
 
 
 def test_dashes_are_no_value_and_noted_with_line_and_word() -> None:
@@ -109,22 +118,15 @@ def test_whatever_is_done_to_a_file_each_line_is_read_or_listed(place: int, cut:
         assert parse_line(format_block(block), block.line) == block
 
 
-@pytest.mark.parametrize(
-    ("content", "said"),
-    [
+def test_a_file_of_another_kind_is_an_error(tmp_path: Path) -> None:
+    for content, said in (
         (b"", r"a\.gsi: is empty; expected lines in GSI form"),
         (b"name,x_m,y_m,z_m\nA,1,2,3\n", r"a\.gsi, line 1: column 1: expected a word"),
         (b"11\0", "zero bytes"),
-    ],
-)
-def test_a_file_of_another_kind_is_an_error(tmp_path: Path, content: bytes, said: str) -> None:
-    path = tmp_path / "a.gsi"
-    path.write_bytes(content)
-    with pytest.raises(InputError, match=said):
-        read_gsi(path)
-
-
-def test_an_error_about_a_survey_is_one_about_input() -> None:
+    ):
+        (tmp_path / "a.gsi").write_bytes(content)
+        with pytest.raises(InputError, match=said):
+            read_gsi(tmp_path / "a.gsi")
     assert issubclass(SurveyError, InputError)
 
 
@@ -186,17 +188,14 @@ def test_a_word_without_a_value_says_why(text: str, said: str) -> None:
     assert said in (word(text).fault() or "")
 
 
-@pytest.mark.parametrize(
-    ("text", "constants"),
-    [
+def test_word_51_is_split_at_its_second_sign() -> None:
+    for text, constants in (
         ("51..1.+0000+000", (0, 0)),
         ("51....+0014-034", (14, -34)),
         ("51....-000000000017+034", (-17, 34)),
         ("51..1.+00000008+0000000", (8, 0)),
-    ],
-)
-def test_word_51_is_split_at_its_second_sign(text: str, constants: tuple[int, int]) -> None:
-    assert word(text).constants() == constants
+    ):
+        assert word(text).constants() == constants, text
 
 
 def test_texts_and_unknown_words_have_no_measure_and_no_fault() -> None:
@@ -216,3 +215,63 @@ def test_texts_and_unknown_words_have_no_measure_and_no_fault() -> None:
 )
 def test_a_text_is_what_follows_the_zeros(data: str, text: str) -> None:
     assert GsiWord("11", "0001", "+", data).text == text
+
+
+NAMES = st.text("ABCxyz123-_.", min_size=1, max_size=8)
+
+
+@settings(max_examples=60)
+@given(
+    name=NAMES,
+    wide=st.booleans(),
+    unit=st.sampled_from(sorted(LENGTH_UNITS)),
+    position=st.lists(st.floats(-300, 300), min_size=3, max_size=3),
+)
+def test_a_point_written_is_the_point_read(name: str, wide: bool, unit: str, position: list[float]) -> None:
+    block = point_block(7, name, np.array(position), unit=unit, wide=wide)
+    again = parse_line(format_block(block), 7)
+    assert again == block
+    assert again.words[0].text == name
+    divisor, size = LENGTH_UNITS[unit]
+    values = [word.measure() for word in again.words[1:]]
+    np.testing.assert_allclose(values, position, atol=0.51 * size / divisor)
+
+
+@settings(max_examples=60)
+@given(angle=st.floats(0, 2 * math.pi), unit=st.sampled_from([*sorted(ANGLE_UNITS), "4"]))
+def test_an_angle_written_is_the_angle_read(angle: float, unit: str) -> None:
+    word = measured_word("21", angle, unit)
+    step = math.pi / 180 / 36000 if unit == "4" else ANGLE_UNITS[unit][1] / ANGLE_UNITS[unit][0]
+    assert word.measure() == pytest.approx(angle, abs=0.51 * step)
+
+
+def test_seconds_round_up_to_the_next_minute_and_degree_and_nothing_is_written_as_minus_zero() -> None:
+    assert measured_word("21", math.radians(12 - 1e-7), "4", wide=False).data == "01200000"
+    assert measured_word("81", -1e-9, "6").sign == "+"
+
+
+def test_names_that_would_not_be_read_back_and_values_that_do_not_fit_are_refused() -> None:
+    for name in ("", "far too long", "007", " A", "A\n"):
+        with pytest.raises(ValueError, match="expected a text of 1 to 8 characters"):
+            text_word("11", name, wide=False)
+    with pytest.raises(ValueError, match="does not fit 8 digits"):
+        measured_word("81", 5250000.0, "8", wide=False)
+    with pytest.raises(ValueError, match="cannot have the unit digit '2'"):
+        measured_word("81", 1.0, "2")
+
+
+@pytest.mark.parametrize("ending", ["\r\n", "\n", "\r"])
+def test_a_file_written_is_the_file_read(tmp_path: Path, ending: str) -> None:
+    blocks = [point_block(number, f"P{number}", np.full(3, number + 0.25), wide=number > 1) for number in (1, 2, 3)]
+    path = tmp_path / "a.gsi"
+    write_gsi(path, blocks, ending)
+    assert read_gsi(path).blocks == tuple(blocks)
+    assert path.read_bytes().count(ending.encode()) == 3
+    assert sorted(read_gsi_points(path).points) == ["P1", "P2", "P3"]
+
+
+def test_unknown_words_are_written_as_they_were() -> None:
+    line = "110001+00000001 95.x1?-ab,d e;f 81..00+00000001 "
+    block = parse_line(line)
+    assert isinstance(block, GsiBlock)
+    assert format_block(block) == line

@@ -83,8 +83,7 @@ def test_the_covariance_of_a_pose_and_of_its_residuals_is_true(
         six += float(small @ np.linalg.solve(fit.pose.covariance[np.ix_(free, free)], small))
         residual += fit.chi2
     for total, freedom in ((nees, 4), (six, 4 if level else 6), (residual, fit.freedom)):
-        low, high = (float(chi2.ppf(level, freedom * count)) for level in (0.001, 0.999))
-        assert low < total < high
+        assert chi2.ppf(0.001, freedom * count) < total < chi2.ppf(0.999, freedom * count)
 
 
 def test_a_covariance_for_a_quarter_of_the_variance_would_be_caught(rng: np.random.Generator) -> None:
@@ -110,10 +109,8 @@ def test_a_relative_pose_has_the_uncertainty_of_both(rng: np.random.Generator) -
         total += float(error @ np.linalg.solve(found.level_covariance, error))
         small = small_error(true.target_from_source, found.target_from_source)
         small_total += float(small @ np.linalg.solve(found.covariance, small))
-    low, high = (float(chi2.ppf(level, 4 * count)) for level in (0.001, 0.999))
-    assert low < total < high
-    low, high = (float(chi2.ppf(level, 6 * count)) for level in (0.001, 0.999))
-    assert low < small_total < high
+    for value, freedom in ((total, 4), (small_total, 6)):
+        assert chi2.ppf(0.001, freedom * count) < value < chi2.ppf(0.999, freedom * count)
 
 
 def test_an_uncertain_heading_of_the_vehicle_moves_what_is_far_ahead() -> None:

@@ -57,7 +57,7 @@ def test_the_stated_covariance_is_true(
         for stop in survey_truth(plan, as_survey(lab_points, rng, plan.sigma)).stops:
             for pose in stop.poses:
                 total[stop.name, pose.id] += pose.nees(lab_truth[stop.name, pose.id])
-    low, high = (float(chi2.ppf(level, 4 * count)) for level in (0.0005, 0.9995))
+    low, high = (float(chi2.ppf(tail, 4 * count)) for tail in (0.0005, 0.9995))
     assert all(low < value < high for value in total.values()), total
 
 
@@ -109,8 +109,7 @@ def test_tilt_of_the_floor_is_followed(lab: Path, lab_points: Points) -> None:
     turn = np.array([[np.cos(lean), 0, np.sin(lean)], [0, 1, 0], [-np.sin(lean), 0, np.cos(lean)]])
     points = {name: (turn @ place).tolist() if "-S" in name else place for name, place in lab_points.items()}
     truth = survey_truth(plan_of(lab), as_survey(points))
-    tilt = truth.stops[0].forklift.fit.pose.tilt
-    assert tilt == pytest.approx(lean, rel=1e-6)
+    assert truth.stops[0].forklift.fit.pose.tilt == pytest.approx(lean, rel=1e-6)
 
 
 def test_a_continuous_truth_gives_poses_without_covariance() -> None:
@@ -149,8 +148,7 @@ def test_angles_and_distances_alone_give_the_same_truth_as_coordinates(shared_da
     for line in (folder / "survey.gsi").read_text().splitlines():
         name, *polar = line.lstrip("*").split()[:4]
         lines.append(" ".join([name[:7] + name[-8:], *(word[:7] + word[-8:] for word in polar)]))
-    truth = tmp_path / "truth"
-    truth.mkdir()
+    (truth := tmp_path / "truth").mkdir()
     (truth / "survey.gsi").write_bytes(b"\xef\xbb\xbf" + "\r".join(lines).encode())
     (truth / "survey.yaml").write_text((folder / "survey.yaml").read_text())
     polar_truth, given = read_surveyed_truth(tmp_path), read_surveyed_truth(shared_data / "dev_lab")

@@ -3,10 +3,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palletloc.geometry import FloatArray, LevelPose
-from palletloc.pallet import Opening, PalletModel
-from palletloc.pallet_library import load_library
+from palletloc import LevelPose, Opening, PalletModel, load_library
+from palletloc.choices import Side
+from palletloc.geometry import FloatArray
+from palletloc.synthetic.aisle import Aisle, AisleSpec, StandingPallet, draw_aisle, misshapen
+from palletloc.synthetic.loads import Load
 from palletloc.synthetic.pallet_solid import PalletBody
+from palletloc.synthetic.placing import ShelfFrame
 from palletloc.synthetic.samples import Samples
 from palletloc.synthetic.scene import Box, Material
 
@@ -70,11 +73,14 @@ def test_the_distance_never_exceeds_that_to_the_nearest_solid_point(models: list
         assert (distance[outside] <= apart + 1e-5).all()
 
 
-def test_openings_go_through_the_pallet(closed_below: PalletModel) -> None:
+def test_openings_go_through_the_pallet_and_normals_of_the_front_point_into_the_aisle(
+    closed_below: PalletModel,
+) -> None:
     x = np.linspace(0.0, closed_below.depth, 200).astype(np.float32)
-    opening = closed_below.openings[0]
-    points = np.stack([x, np.full_like(x, -opening.center), np.full_like(x, 0.07)])
+    points = np.stack([x, np.full_like(x, -closed_below.openings[0].center), np.full_like(x, 0.07)])
     assert (body(closed_below).distance(points) > 0.01).all()
+    front = np.array([[0.0], [0.0], [0.07]], np.float32)
+    assert body(closed_below).normals(front)[:, 0] == pytest.approx([-1.0, 0.0, 0.0], abs=1e-3)
 
 
 def test_blocks_stand_where_the_model_has_them(closed_below: PalletModel) -> None:
@@ -83,10 +89,8 @@ def test_blocks_stand_where_the_model_has_them(closed_below: PalletModel) -> Non
     left, right = closed_below.blocks[1]
     points = np.stack([x, np.full_like(x, -(left + right) / 2), np.full_like(x, closed_below.openings[0].top - 0.03)])
     distance = body(replace(closed_below, block_rows=rows)).distance(points)
-    within = np.zeros(len(x), bool)
-    for front, back in rows:
-        within |= (x > front) & (x < back)
-    np.testing.assert_array_equal(distance < 0, within)
+    within = [(x > front) & (x < back) for front, back in rows]
+    np.testing.assert_array_equal(distance < 0, np.any(within, axis=0))
 
 
 def test_boards_close_openings_from_below_only_where_drawn(
@@ -97,21 +101,16 @@ def test_boards_close_openings_from_below_only_where_drawn(
         assert (body(model).distance(below)[0] < 0) == expected
 
 
-def test_the_rounding_of_an_edge_has_the_radius_of_the_model(rounded: PalletModel) -> None:
-    radius = rounded.edge_radius
+def test_the_rounding_of_an_edge_has_the_radius_of_the_model(t11: PalletModel) -> None:
+    radius = t11.edge_radius
     angles = np.linspace(0.0, np.pi / 2, 50)
     x = radius - radius * np.sin(angles)
-    up = rounded.height - radius + radius * np.cos(angles)
+    up = t11.height - radius + radius * np.cos(angles)
     points = np.stack([x, np.zeros_like(x), up]).astype(np.float32)
-    assert np.abs(body(rounded).distance(points)).max() < 1e-6
-    normals = body(rounded).normals(points)
+    assert np.abs(body(t11).distance(points)).max() < 1e-6
+    normals = body(t11).normals(points)
     expected = np.stack([-np.sin(angles), np.zeros_like(x), np.cos(angles)])
     assert np.abs(normals - expected).max() < 0.02
-
-
-def test_normals_of_the_front_point_into_the_aisle(closed_below: PalletModel) -> None:
-    points = np.array([[0.0], [0.0], [0.07]], np.float32)
-    assert body(closed_below).normals(points)[:, 0] == pytest.approx([-1.0, 0.0, 0.0], abs=1e-3)
 
 
 @pytest.mark.parametrize("models", FACES)
@@ -146,3 +145,116 @@ def test_a_box_of_which_nothing_is_flat_is_a_sphere() -> None:
     assert ball.distance(points) == pytest.approx(np.linalg.norm(points, axis=0) - 0.1, abs=1e-5)
     surface = 0.1 * points / np.linalg.norm(points, axis=0)
     assert ball.normals(surface) == pytest.approx(10 * surface, abs=1e-3)
+
+
+MODELS = tuple(load_library()[name] for name in ("epal1-1200", "t11-plastic", "epal1-800"))
+SPEC = AisleSpec(models=MODELS, opposite=False, clutter=0, filled=0.9)
+
+
+def draw(spec: AisleSpec, seed: int) -> Aisle:
+    return draw_aisle(spec, np.random.default_rng(seed))
+
+
+def footprint(pallet: StandingPallet) -> FloatArray:
+    """The pallet's ground outline, sampled densely in the world."""
+    x, y = np.meshgrid(np.linspace(0, pallet.model.depth, 23), np.linspace(-0.5, 0.5, 25) * pallet.model.width)
+    points = np.stack([x.ravel(), y.ravel(), np.full(x.size, 0.05)], -1)
+    return pallet.world_from_pallet.transform().apply(points)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("side", list(Side))
+def test_pallets_stand_on_their_side_facing_the_path(seed: int, side: Side) -> None:
+    aisle = draw(replace(SPEC, side=side), seed)
+    sign = 1.0 if side is Side.LEFT else -1.0
+    assert len(aisle.pallets) >= 4
+    for pallet in aisle.pallets:
+        pose = pallet.world_from_pallet
+        assert abs(sign * pose.y - SPEC.distance) <= 2 * SPEC.setback_sigma + 1e-9
+        assert abs(sign * pose.yaw - np.pi / 2) <= 3 * SPEC.yaw_sigma + 1e-9
+        assert pose.z in SPEC.levels
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_pallet_stands_in_another_or_in_an_upright(seed: int) -> None:
+    aisle = draw(replace(SPEC, loads=(Load.NONE,)), seed)
+    bodies = [s for s in aisle.scene.solids if isinstance(s, PalletBody)]
+    others = [s for s in aisle.scene.solids if not isinstance(s, PalletBody)]
+    for pallet in aisle.pallets:
+        points = footprint(pallet)
+        for solid in [b for b in bodies if b.world_from_solid != pallet.world_from_pallet] + others:
+            local = solid.world_from_solid.transform().inv().apply(points)
+            inside = ((local > solid.low + 1e-6) & (local < solid.high - 1e-6)).all(axis=1)
+            if solid.world_from_solid.z == pallet.world_from_pallet.z or solid in others:
+                assert not inside.any()
+
+
+def test_names_differ_bodies_have_the_true_poses_and_the_seed_draws_the_aisle() -> None:
+    aisle = draw(SPEC, 1)
+    assert len({p.name for p in aisle.pallets}) == len(aisle.pallets)
+    bodies = [s for s in aisle.scene.solids if isinstance(s, PalletBody)]
+    assert [b.world_from_solid for b in bodies] == [p.world_from_pallet for p in aisle.pallets]
+    assert [b.model for b in bodies] == [p.model for p in aisle.pallets]
+    assert draw(SPEC, 1) == aisle
+    assert draw(SPEC, 6).pallets != aisle.pallets
+
+
+def test_pallets_across_the_aisle_do_not_count() -> None:
+    alone, both = draw(SPEC, 2), draw(replace(SPEC, opposite=True), 2)
+    assert alone.pallets == both.pallets
+    bodies = [s for s in both.scene.solids if isinstance(s, PalletBody)]
+    across = [b for b in bodies if b.world_from_solid.y < 0]
+    assert len(across) == len(bodies) - len(alone.pallets) > 0
+
+
+def test_occluders_stand_before_a_front(closed_below: PalletModel) -> None:
+    spec = replace(SPEC, models=(closed_below,), loads=(Load.NONE,))
+    plain, hidden = draw(spec, 3), draw(replace(spec, occluders=2), 3)
+    added = hidden.scene.solids[len(plain.scene.solids) :]
+    assert len(added) >= 2
+    assert all(s.world_from_solid.y < SPEC.distance for s in added)
+
+
+def test_an_empty_rack_and_an_impossible_one() -> None:
+    assert draw(replace(SPEC, filled=0.0), 0).pallets == ()
+    for broken in (replace(SPEC, models=()), replace(SPEC, levels=())):
+        with pytest.raises(ValueError, match="at least one"):
+            draw(broken, 0)
+
+
+def test_misfit_scales_with_the_tolerance(closed_below: PalletModel) -> None:
+    assert misshapen(closed_below, 0.0, np.random.default_rng(0)) == closed_below
+    rng = np.random.default_rng(0)
+    widths = np.array([misshapen(closed_below, 0.5, rng).width for _ in range(2000)]) - closed_below.width
+    assert widths.std() == pytest.approx(0.5 * closed_below.tolerance, rel=0.1)
+
+
+def test_a_misfit_moves_blocks_inside_but_neither_those_of_the_face_nor_the_last(closed_below: PalletModel) -> None:
+    rows = ((0.0, 0.1), (0.3, 0.4), (closed_below.depth - 0.1, closed_below.depth))
+    rng = np.random.default_rng(0)
+    shapes = [misshapen(replace(closed_below, block_rows=rows), 1.0, rng).block_rows for _ in range(400)]
+    errors = np.array(shapes) - rows
+    assert not errors[:, 0, 0].any()
+    assert not errors[:, -1, -1].any()
+    assert errors[:, 1].std() == pytest.approx(3 * closed_below.tolerance, rel=0.15)
+    # and leaves all else as it is
+    with_rows = replace(closed_below, block_rows=((0.0, 0.1), (0.3, 0.4)))
+    plain, moved = (misshapen(model, 1.0, np.random.default_rng(4)) for model in (closed_below, with_rows))
+    assert replace(moved, block_rows=()) == plain
+
+
+def test_shape_errors_that_leave_no_pallet_are_drawn_again(closed_below: PalletModel) -> None:
+    loose = replace(closed_below, tolerance=0.03)
+    rng = np.random.default_rng(0)
+    shapes = [misshapen(loose, 1.5, rng) for _ in range(50)]
+    assert np.std([shape.width for shape in shapes]) > 0.03
+    with pytest.raises(ValueError, match="misfit"):
+        misshapen(loose, 1e4, rng)
+
+
+@pytest.mark.parametrize("side", list(Side))
+def test_the_shelf_frame_is_right_handed_and_runs_with_the_path(side: Side) -> None:
+    frame = ShelfFrame(side, 2.0)
+    deep, ahead = frame.world(0.5, 0.0, 0.0), frame.world(0.0, 3.0, 0.7)
+    assert abs(deep.y) == pytest.approx(2.5)
+    assert (ahead.x, ahead.z) == pytest.approx((3.0, 0.7))

@@ -60,21 +60,19 @@ def edges_of(model: PalletModel) -> dict[str, tuple[tuple[float, float], tuple[f
 
 # from where nothing but the front face meets at the edge: not the top, not the inside of the opening
 VIEWS = {
-    "top": (0.9, 0.1, 0.67, 4.0),
-    "bottom": (0.9, 0.1, 0.67, 4.0),
-    "left": (0.9, 0.1, 0.67, 4.0),
+    **dict.fromkeys(("top", "bottom", "left"), (0.9, 0.1, 0.67, 4.0)),
     "opening_top": (0.9, 0.1, 0.74, 4.0),
     "opening_left": (0.9, 0.9, 0.67, -20.0),
 }
 
 
 @pytest.mark.parametrize("camera", [EQUIRECTANGULAR, PINHOLE], ids=["equirectangular", "pinhole"])
-@pytest.mark.parametrize("edge", ["top", "bottom", "left", "opening_top", "opening_left"])
+@pytest.mark.parametrize("edge", VIEWS)
 def test_solids_change_between_the_pixels_around_a_projected_edge(
-    camera: CameraModel, edge: str, closed_below: PalletModel, hall: Scenes, looking: Poses
+    camera: CameraModel, edge: str, closed_below: PalletModel, hall: Scenes, mounted: Poses
 ) -> None:
     *position, yaw = VIEWS[edge]
-    world_from_camera = looking(position, yaw, 1.0, 0.5)
+    world_from_camera = mounted(*position, yaw, 1.0, 0.5)
     thin = PalletModel("thin", closed_below.width, closed_below.height, 0.02, closed_below.openings)
     scene = lit(hall([PalletBody(PLACE, thin, BLACK)]))
     solids = render(scene, camera_rays(camera), world_from_camera, smooth=False).solids
@@ -91,9 +89,9 @@ def test_solids_change_between_the_pixels_around_a_projected_edge(
 
 
 def test_the_mean_over_a_pixel_places_an_edge_far_below_a_pixel(
-    closed_below: PalletModel, hall: Scenes, looking: Poses
+    closed_below: PalletModel, hall: Scenes, mounted: Poses
 ) -> None:
-    world_from_camera = looking((0.7, 0.1, 0.67), 5.0, 0.0, 2.0)
+    world_from_camera = mounted(0.7, 0.1, 0.67, 5.0, 0.0, 2.0)
     scene = lit(hall([PalletBody(PLACE, closed_below, BLACK)]))
     light = render(scene, camera_rays(PINHOLE), world_from_camera).radiance[:, :, 1]
     start, end, axis = edges_of(closed_below)["top"]
@@ -108,19 +106,19 @@ def test_the_mean_over_a_pixel_places_an_edge_far_below_a_pixel(
     assert np.std(errors) < 0.12  # four rays stand for a pixel
 
 
-def test_the_rounding_of_an_edge_hides_what_geometry_says(hall: Scenes, looking: Poses) -> None:
+def test_the_rounding_of_an_edge_hides_what_geometry_says(hall: Scenes, mounted: Poses) -> None:
     radius, camera = 0.1, Pinhole(800, 800, 700.0, 700.0, 399.5, 399.5)
     ball = Box(LevelPose(2.0, 0.0, 1.0, 0.3), (0.2, 0.2, 0.2), BLACK, rounding=radius)
-    picture = render(lit(hall([ball])), camera_rays(camera), looking((0.0, 0.0, 1.0)), smooth=False)
+    picture = render(lit(hall([ball])), camera_rays(camera), mounted(0.0, 0.0, 1.0), smooth=False)
     seen = np.sqrt((picture.solids == 0).sum() / np.pi)
     assert seen == pytest.approx(700.0 * radius / np.sqrt(4.0 - radius**2), rel=0.004)
 
 
 @pytest.mark.parametrize("order", [1, -1])
-def test_the_nearer_of_two_solids_of_one_shape_is_seen(order: int, hall: Scenes, looking: Poses) -> None:
+def test_the_nearer_of_two_solids_of_one_shape_is_seen(order: int, hall: Scenes, mounted: Poses) -> None:
     near, far = (Box(LevelPose(x, 0.0, 1.0, 0.0), (0.2, 0.2, 0.2), RED, rounding=0.1) for x in (2.0, 2.1))
     balls = [near, far][::order]
-    picture = render(lit(hall(balls)), camera_rays(PINHOLE), looking((0.0, 0.02, 1.0)), smooth=False)
+    picture = render(lit(hall(balls)), camera_rays(PINHOLE), mounted(0.0, 0.02, 1.0), smooth=False)
     assert (picture.solids == balls.index(near)).sum() > 1000
     assert (picture.solids == balls.index(far)).sum() < 50
 
@@ -129,19 +127,19 @@ def centre(picture: RenderedImage) -> int:
     return int(picture.solids[picture.solids.shape[0] // 2, picture.solids.shape[1] // 2])
 
 
-def test_what_is_behind_is_seen_through_an_opening(closed_below: PalletModel, hall: Scenes, looking: Poses) -> None:
+def test_what_is_behind_is_seen_through_an_opening(closed_below: PalletModel, hall: Scenes, mounted: Poses) -> None:
     camera = Pinhole(41, 41, 400.0, 400.0, 20.0, 20.0)
     pallet = PalletBody(LevelPose(2.0, 0.0, 0.0, 0.0), closed_below, BLACK)
     behind = Box(LevelPose(3.2, 0.264, 0.1, 0.0), (0.1, 0.3, 0.2), RED)
-    into = looking((1.0, 0.264, 0.075))
+    into = mounted(1.0, 0.264, 0.075)
     assert centre(render(lit(hall([pallet, behind])), camera_rays(camera), into)) == 1
     assert centre(render(lit(hall([pallet])), camera_rays(camera), into)) == WALLS
-    at_block = looking((1.0, 0.0, 0.075))
+    at_block = mounted(1.0, 0.0, 0.075)
     assert centre(render(lit(hall([pallet, behind])), camera_rays(camera), at_block)) == 0
 
 
 def test_the_inner_wall_of_an_opening_is_seen_at_its_own_depth(
-    closed_below: PalletModel, hall: Scenes, looking: Poses
+    closed_below: PalletModel, hall: Scenes, mounted: Poses
 ) -> None:
     pallet = PalletBody(LevelPose(0.0, 0.0, 0.0, 0.0), closed_below, BLACK)
     opening = closed_below.openings[1]
@@ -151,7 +149,7 @@ def test_the_inner_wall_of_an_opening_is_seen_at_its_own_depth(
     yaw = np.degrees(np.arctan2(direction[1], direction[0]))
     camera = Pinhole(3, 3, 3000.0, 3000.0, 1.0, 1.0)
     rays = camera_rays(camera).parts[0].rays
-    pose = looking(camera_at, yaw).as_matrix()
+    pose = mounted(*camera_at, yaw).as_matrix()
     _, hits = look(lit(hall([pallet])), rays.moved(pose[:3, :3], pose[:3, 3]), 1e-3)
     assert hits.solids[4] == 0
     assert hits.distances[4] == pytest.approx(np.linalg.norm(target - camera_at), abs=1e-3)
@@ -159,35 +157,34 @@ def test_the_inner_wall_of_an_opening_is_seen_at_its_own_depth(
 
 @pytest.mark.parametrize(("name", "expected"), [("closed_below", 0), ("open_below", FLOOR)])
 def test_the_floor_is_seen_in_openings_that_reach_it(
-    name: str, expected: int, request: pytest.FixtureRequest, hall: Scenes, looking: Poses
+    name: str, expected: int, request: pytest.FixtureRequest, hall: Scenes, mounted: Poses
 ) -> None:
     model: PalletModel = request.getfixturevalue(name)
     pallet = PalletBody(LevelPose(2.0, 0.0, 0.0, 0.0), model, BLACK)
     # towards a point just inside the opening, 5 mm above the floor
     height, ahead = 0.3, 1.02
     pitch = float(np.degrees(np.arctan2(height - 0.005, ahead)))
-    pose = looking((1.0, -model.openings[0].center, height), 0.0, pitch)
+    pose = mounted(1.0, -model.openings[0].center, height, 0.0, pitch)
     camera = Pinhole(41, 41, 2000.0, 2000.0, 20.0, 20.0)
     assert centre(render(lit(hall([pallet])), camera_rays(camera), pose)) == expected
 
 
-def test_floor_walls_and_ceiling_are_told_apart(hall: Scenes, looking: Poses) -> None:
-    solids = render(lit(hall([])), camera_rays(Equirectangular(64, 32)), looking((0.0, 0.0, 1.5))).solids
-    assert (solids[0] == CEILING).all()
-    assert (solids[16] == WALLS).all()
-    assert (solids[-1] == FLOOR).all()
+def test_floor_walls_and_ceiling_are_told_apart(hall: Scenes, mounted: Poses) -> None:
+    solids = render(lit(hall([])), camera_rays(Equirectangular(64, 32)), mounted(0.0, 0.0, 1.5)).solids
+    for row, surface in ((0, CEILING), (16, WALLS), (-1, FLOOR)):
+        assert (solids[row] == surface).all()
 
 
 @pytest.mark.parametrize("kind", [CameraKind.DUAL_FISHEYE, CameraKind.KANNALA_BRANDT, CameraKind.PINHOLE])
 def test_all_cameras_see_the_same_scene(
-    kind: CameraKind, closed_below: PalletModel, hall: Scenes, looking: Poses
+    kind: CameraKind, closed_below: PalletModel, hall: Scenes, mounted: Poses
 ) -> None:
     things = [
         PalletBody(PLACE, closed_below, Material((0.1, 0.3, 0.5))),
         Box(LevelPose(2.5, 1.2, 0.5, 0.5), (0.5, 0.6, 1.0), RED),
         Box(LevelPose(1.5, -1.5, 0.3, -0.4), (0.4, 0.4, 0.6), RED, rounding=0.05),
     ]
-    scene, pose = lit(hall(things)), looking((0.2, 0.0, 1.2), 10.0, 8.0)
+    scene, pose = lit(hall(things)), mounted(0.2, 0.0, 1.2, 10.0, 8.0)
     whole, part = Equirectangular(1024, 512), camera_of(kind, 512)
     wide = render(scene, camera_rays(whole), pose, smooth=False)
     rays = camera_rays(part)
@@ -210,12 +207,12 @@ def test_all_cameras_see_the_same_scene(
     assert matched > 1000
 
 
-def test_edges_on_the_seam_of_a_closed_image_are_smooth(hall: Scenes, looking: Poses) -> None:
+def test_edges_on_the_seam_of_a_closed_image_are_smooth(hall: Scenes, mounted: Poses) -> None:
     # turned by a half circle, the seam is where the middle was
     scene = lit(hall([Box(LevelPose(3.0, 0.0, 1.0, 0.3), (0.4, 0.4, 2.0), RED)]))
     rays = camera_rays(Equirectangular(256, 128))
-    middle = render(scene, rays, looking((0.0, 0.0, 1.0), 4.05)).radiance
-    seam = render(scene, rays, looking((0.0, 0.0, 1.0), 184.05)).radiance
+    middle = render(scene, rays, mounted(0.0, 0.0, 1.0, 4.05)).radiance
+    seam = render(scene, rays, mounted(0.0, 0.0, 1.0, 184.05)).radiance
     assert np.abs(np.roll(seam, 128, axis=1) - middle).max() < 0.01
 
 
@@ -224,7 +221,8 @@ def test_a_camera_that_sees_nothing_is_refused() -> None:
         width, height, period_px = 4, 4, None
 
         def unproject(self, pixels: FloatArray) -> Any:
-            return (np.full((*pixels.shape[:-1], 3), np.nan), np.zeros((*pixels.shape[:-1], 3)), pixels[..., 0] > 9)
+            shape = (*pixels.shape[:-1], 3)
+            return np.full(shape, np.nan), np.zeros(shape), pixels[..., 0] > 9
 
     with pytest.raises(ValueError, match="sees nothing"):
         camera_rays(Blind())  # type: ignore[arg-type]

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from calibration.intrinsics.task import Chessboard
-from calibration.targets.targets import CharucoBoard, SingleTag, marker_dictionary, patterns
+from calibration.targets.targets import CharucoBoard, SingleTag, Target, marker_dictionary, patterns
 from palletloc.__main__ import COMMANDS
 from palletloc.cameras import CameraModel
 from palletloc.cli.app import run
@@ -18,7 +18,7 @@ from tests.calibration.simulated_yard import Yard, YardErrors, boards_around, si
 
 AROUND = (0.4, 1.3, 2.6, -0.6, -1.4, -2.5)
 USUAL = YardErrors()
-Printed = CharucoBoard | SingleTag | Chessboard
+Printed = Target | Chessboard
 Hung = tuple[Printed, RigidTransform]
 
 
@@ -34,10 +34,7 @@ def yard(forklift_from_camera: RigidTransform) -> Callable[..., Yard]:
     board = CharucoBoard(7, 5, 0.1, 0.075, "DICT_4X4_250")
 
     def draw(
-        azimuths: Sequence[float] = AROUND,
-        seed: int = 0,
-        errors: YardErrors = USUAL,
-        target: CharucoBoard | SingleTag = board,
+        azimuths: Sequence[float] = AROUND, seed: int = 0, errors: YardErrors = USUAL, target: Target = board
     ) -> Yard:
         boards = boards_around(forklift_from_camera.translation, azimuths, seed)
         return simulate_yard(patterns(target)[0], forklift_from_camera, boards, errors, seed)

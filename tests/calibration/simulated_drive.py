@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from calibration.drive import DriveNoise, compose, relative
-from calibration.motion.problem import SCALE_PRIOR, Height, MotionProblem
+from calibration.motion.problem import Height, MotionProblem
 from calibration.targets.targets import PrintedPattern, on_board
 from palletloc.geometry import FloatArray
 from palletloc.trajectory import Trajectory
@@ -52,17 +52,10 @@ def drive_of(segments: Sequence[tuple[float, float, float]]) -> Trajectory:
 
 
 def simulate_drive(
-    truth: Trajectory,
-    forklift_from_camera: RigidTransform,
-    boards: Sequence[tuple[PrintedPattern, RigidTransform]],
-    stated: RigidTransform,
-    errors: DriveErrors = DriveErrors(),
-    *,
-    shots: int = 30,
-    heights: Mapping[int, Height] | None = None,
-    seed: int = 0,
-    scale_sigma: float = SCALE_PRIOR,
-) -> MotionProblem:
+    truth: Trajectory, forklift_from_camera: RigidTransform, boards: Sequence[tuple[PrintedPattern, RigidTransform]],
+    stated: RigidTransform, errors: DriveErrors, heights: Mapping[int, Height], *, shots: int, seed: int,
+    scale_sigma: float,
+) -> MotionProblem:  # fmt: skip
     """Return what a camera and the odometry of a forklift would say; `truth` is ``odom_from_forklift``.
 
     `boards` come with ``odom_from_board``, `heights` are of targets whose height is known, `stated` is the mounting.
@@ -80,7 +73,7 @@ def simulate_drive(
             shot_of.append(index)
     return MotionProblem(
         times, _measured(truth, errors, rng), errors.noise, tuple(observations), tuple(shot_of), len(boards), stated,
-        dict(heights or {}), scale_sigma=scale_sigma,
+        dict(heights), scale_sigma=scale_sigma,
     )  # fmt: skip
 
 

@@ -39,12 +39,9 @@ class YardErrors:
 
 
 def simulate_yard(
-    pattern: PrintedPattern,
-    forklift_from_camera: RigidTransform,
-    boards: Sequence[RigidTransform],
-    errors: YardErrors = YardErrors(),
-    seed: int = 0,
-) -> Yard:
+    pattern: PrintedPattern, forklift_from_camera: RigidTransform, boards: Sequence[RigidTransform],
+    errors: YardErrors = YardErrors(), seed: int = 0,
+) -> Yard:  # fmt: skip
     """Return what a camera with one shot and a surveyor would say about targets at ``forklift_from_board``."""
     rng = np.random.default_rng(seed)
     outline, points = on_board(pattern.outline), on_board(pattern.corners)

@@ -56,24 +56,20 @@ def test_with_noise_the_start_is_near_and_the_refinement_nearer() -> None:
     assert np.median(refined) < min(float(np.median(starts)), float(np.radians(0.1)))
 
 
-@pytest.mark.parametrize("count", [3, 5])
-def test_too_few_points_give_nothing(count: int) -> None:
-    rng = np.random.default_rng(count)
-    points = rng.normal(0, 1, (count, 3))
-    assert pose_from_bearings(points, bearings_of(random_pose(rng), points, rng, 0.0)) is None
-
-
-def test_points_on_a_line_give_nothing() -> None:
-    rng = np.random.default_rng(0)
-    points = np.outer(np.arange(8.0), [1.0, 2.0, 3.0])
-    assert pose_from_bearings(points, bearings_of(random_pose(rng), points, rng, 0.0)) is None
-
-
-def test_mirrored_points_give_nothing() -> None:
-    rng = np.random.default_rng(1)
-    points = rng.uniform(-3, 3, (20, 3))
+@pytest.mark.parametrize(
+    ("points", "mirror"),
+    [
+        (np.random.default_rng(3).normal(0, 1, (3, 3)), 1),
+        (np.random.default_rng(5).normal(0, 1, (5, 3)), 1),
+        (np.outer(np.arange(8.0), [1.0, 2.0, 3.0]), 1),
+        (np.random.default_rng(1).uniform(-3, 3, (20, 3)), -1),
+    ],
+    ids=["three", "five", "on a line", "mirrored"],
+)
+def test_too_few_points_a_line_and_mirrored_points_give_nothing(points: FloatArray, mirror: int) -> None:
+    rng = np.random.default_rng(len(points))
     bearings = bearings_of(random_pose(rng), points, rng, 0.0)
-    assert pose_from_bearings(points * [1, -1, 1], bearings) is None
+    assert pose_from_bearings(points * [1, mirror, 1], bearings) is None
 
 
 def test_tangent_axes_are_across_the_bearing_and_each_other() -> None:

@@ -14,6 +14,8 @@ from palletloc.geometry import FloatArray, Image
 from tests.calibration.simulated_yard import boards_around
 
 CAMERA = Equirectangular(1280, 640)
+Change = Callable[[dict[str, Any]], object]
+"""Of a file's content."""
 CORNERS = ("top_left", "top_right", "bottom_left")
 
 
@@ -50,7 +52,7 @@ def copied(folder: Path, place: Path, names: Sequence[str] = ("shot.png",)) -> d
     return content
 
 
-def set_key(*keys: str | int, value: object) -> Callable[[dict[str, Any]], None]:
+def set_key(*keys: str | int, value: object) -> Change:
     """Return a change of a file's content."""
 
     def change(content: dict[str, Any]) -> None:

@@ -25,21 +25,14 @@ TOLERANCE = float(np.radians(0.15))
 
 
 def checked(
-    roll: float,
-    pitch: float,
-    sigma: float = 0.03,
-    *,
-    pitch_sigma: float | None = None,
-    chance: float = 1.0,
-    yaw: tuple[float, float] | None = (0.0, 0.2),
-    yaws: tuple[float, ...] = (),
-    height: tuple[float, float] | None = None,
-) -> MountingCheck:
+    roll: float, pitch: float, *, sigma: tuple[float, float] = (0.03, 0.03), chance: float = 1.0,
+    yaw: tuple[float, float] = (0.0, 0.2), yaws: tuple[float, ...] = (), height: tuple[float, float] | None = None,
+) -> MountingCheck:  # fmt: skip
     """Return what a check found; all angles in degrees."""
-    covariance = np.diag(np.radians([sigma, sigma if pitch_sigma is None else pitch_sigma])) ** 2
+    covariance = np.diag(np.radians(sigma)) ** 2
     tilt = Tilt(-np.radians([roll, pitch]), np.linalg.inv(covariance), 100)
     tilts = (NamedTilt(VERTICALS, tilt), NamedTilt(LEVELS, tilt))
-    turned = None if yaw is None else (float(np.radians(yaw[0])), float(np.radians(yaw[1])))
+    turned = float(np.radians(yaw[0])), float(np.radians(yaw[1]))
     worst = Contradiction(VERTICALS, LEVELS, chance)
     told = tuple(NamedYaw(f"kind {i}", float(np.radians(turn)), 0.005) for i, turn in enumerate(yaws))
     return MountingCheck(
@@ -72,7 +65,7 @@ def test_each_fault_fails_under_its_own_name(check: MountingCheck, code: str) ->
 
 
 def test_a_turn_within_its_own_doubt_does_not_fail() -> None:
-    assert codes(checked(0.2, 0.0, sigma=0.15))[0] == PASS
+    assert codes(checked(0.2, 0.0, sigma=(0.15, 0.15)))[0] == PASS
     assert codes(checked(0.0, 0.0, yaw=(0.8, 0.5)))[0] == PASS
     assert codes(checked(0.0, 0.0, height=(0.02, 0.01)))[0] == PASS
 
@@ -91,9 +84,8 @@ def test_a_source_that_says_nothing_is_named() -> None:
 
 
 def test_an_axis_that_nothing_tells_is_named() -> None:
-    check = checked(0.0, 0.0, pitch_sigma=2.0)
-    exit_code, found = codes(check)
-    assert (exit_code, found) == (DEGENERATE, {"one_axis_open"})
+    check = checked(0.0, 0.0, sigma=(0.03, 2.0))
+    assert codes(check) == (DEGENERATE, {"one_axis_open"})
     assert "pitch" in assess_check(check, TOLERANCE).findings[0].what
 
 

@@ -1,5 +1,7 @@
 """What each source tells of the tilt, within what it states, and which of them contradict each other."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -138,10 +140,7 @@ def test_a_known_tilt_tells_the_height_better() -> None:
 
 def test_a_pallet_of_unknown_height_still_tells_the_pitch_but_not_the_height() -> None:
     known = sights(np.random.default_rng(5), np.radians([0.0, 0.5]), 0.0)
-    free = PalletElevations(
-        known.pallet, known.azimuth, known.distance, known.elevation, known.sigma, known.heights, np.full(4, 0.3)
-    )
-    estimate = present(height_estimate(free, CENTER[2]))
+    estimate = present(height_estimate(replace(known, height_sigmas=np.full(4, 0.3)), CENTER[2]))
     sigma = np.sqrt(np.diag(estimate.covariance))
     assert abs(estimate.tilt.turn[1] - np.radians(0.5)) < 3 * sigma[1] < np.radians(0.5)
     assert sigma[2] > 0.015
@@ -149,8 +148,6 @@ def test_a_pallet_of_unknown_height_still_tells_the_pitch_but_not_the_height() -
 
 def test_too_few_pallets_tell_nothing() -> None:
     alone = sights(np.random.default_rng(0), np.zeros(2), 0.0, pallets=1)
-    few = PalletElevations(
-        alone.pallet[:5], alone.azimuth[:5], alone.distance[:5], alone.elevation[:5], alone.sigma[:5], alone.heights,
-        alone.height_sigmas,
-    )  # fmt: skip
+    rows = ("pallet", "azimuth", "distance", "elevation", "sigma")
+    few = replace(alone, **{row: getattr(alone, row)[:5] for row in rows})
     assert height_estimate(few, CENTER[2]) is None

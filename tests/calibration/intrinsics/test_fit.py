@@ -1,7 +1,6 @@
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -16,7 +15,7 @@ from palletloc.cameras import CameraModel, Eucm
 from palletloc.geometry import FloatArray, Image
 from tests.calibration.board_room import HEADER, corner_rows, towards, write_corners, write_intrinsics, write_shots
 from tests.calibration.expecting import Calibrate
-from tests.calibration.yard_folder import set_key
+from tests.calibration.yard_folder import Change, set_key
 
 CAMERA = Eucm(480, 400, 140.0, 140.5, 243.0, 198.0, 0.58, 1.1, 1.6)
 CHARUCO = CharucoBoard(6, 5, 0.06, 0.045, "DICT_4X4_50")
@@ -180,7 +179,7 @@ def test_a_model_that_does_not_fit_is_told(tmp_path: Path, calibrate: Calibrate)
     ],
 )  # fmt: skip
 def test_bad_input_is_one_line(
-    charuco: Path, tmp_path: Path, calibrate: Calibrate, changed: Callable[[dict[str, Any]], object], message: str
+    charuco: Path, tmp_path: Path, calibrate: Calibrate, changed: Change, message: str
 ) -> None:
     content = yaml.safe_load((charuco / "intrinsics.yaml").read_text())
     changed(content)

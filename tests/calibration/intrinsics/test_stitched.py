@@ -58,14 +58,11 @@ def worst_point_deg(camera: CameraModel) -> float:
     found = camera.unproject(TRUTH.project(2 * rays).pixels)
     points = truth.origins + 2 * truth.directions
     # Six numbers move the camera; the rest is its error.
-    off = np.zeros((len(points), 3))
-    design = np.zeros((len(points), 3, 6))
-    for i, (p, o, d) in enumerate(zip(points, found.origins, found.directions, strict=True)):
-        seen = (p - o) / np.linalg.norm(p - o)
-        across = np.eye(3) - np.outer(seen, seen)
-        off[i] = d - seen
-        design[i, :, :3] = across @ np.cross(np.eye(3), p)
-        design[i, :, 3:] = across
+    seen = points - found.origins
+    seen /= np.linalg.norm(seen, axis=-1, keepdims=True)
+    across = np.eye(3) - seen[:, :, None] * seen[:, None]
+    off = found.directions - seen
+    design = np.concatenate([across @ np.cross(np.eye(3), points[:, None]), across], axis=2)
     solved = np.linalg.lstsq(design.reshape(-1, 6), 2 * off.reshape(-1), rcond=None)[0]
     rest = off - (design @ solved) / 2
     return float(np.degrees(np.quantile(np.linalg.norm(rest, axis=-1), 0.99)))

@@ -53,9 +53,9 @@ def simulated(
 ) -> MotionProblem:  # fmt: skip
     truth = drive_of(way)
     boards = boards_beside(truth)
-    heights = {0: Height(float(boards[0][1].translation[2]), 0.003)} if height else None
+    heights = {0: Height(float(boards[0][1].translation[2]), 0.003)} if height else {}
     return simulate_drive(
-        truth, camera, boards, stated, errors, shots=shots, heights=heights, seed=seed, scale_sigma=scale_sigma
+        truth, camera, boards, stated, errors, heights, shots=shots, seed=seed, scale_sigma=scale_sigma
     )
 
 

@@ -89,30 +89,20 @@ def test_an_unknown_that_nothing_tells_has_no_sigma(yard: Callable[..., Yard]) -
 
 
 AXIS = np.array([1.0, 0.0, 0.0])
-EXACT = YardErrors(drawn=False)
-
-
-def numeric(function: Callable[[FloatArray], FloatArray], size: int, step: float = 1e-6) -> FloatArray:
-    moves = step * np.eye(size)
-    return np.stack([(function(move) - function(-move)) / (2 * step) for move in moves], axis=1)
-
-
-def wrong(yard: Yard) -> Poses:
-    """Return poses beside the truth."""
-    size = CAMERA * (1 + len(yard.truth.boards))
-    return yard.truth.moved(np.random.default_rng(5).normal(0, 0.01, size))
 
 
 def test_the_truth_has_no_residuals(yard: Callable[..., Yard]) -> None:
-    exact = yard(errors=EXACT)
+    exact = yard(errors=YardErrors(drawn=False))
     assert np.abs(exact.problem.residuals(exact.truth)).max() < 1e-8
 
 
 def test_the_jacobian_is_the_derivative(yard: Callable[..., Yard]) -> None:
     drawn = yard()
-    problem, poses = drawn.problem, wrong(drawn)
+    size = CAMERA * (1 + len(drawn.truth.boards))
+    problem, poses = drawn.problem, drawn.truth.moved(np.random.default_rng(5).normal(0, 0.01, size))
     jacobian = problem.jacobian(poses)
-    expected = numeric(lambda step: problem.residuals(poses.moved(step)), jacobian.shape[1])
+    ahead, back = ([problem.residuals(poses.moved(step)) for step in sign * 1e-6 * np.eye(size)] for sign in (1, -1))
+    expected = np.subtract(ahead, back).T / 2e-6
     np.testing.assert_allclose(jacobian, expected, atol=1e-6 * np.abs(expected).max())
 
 
@@ -126,14 +116,9 @@ def test_a_survey_that_does_not_count_has_no_rows(yard: Callable[..., Yard]) -> 
 @pytest.mark.parametrize("distance", [0.01, -0.04])
 def test_the_distance_of_two_lenses_acts_as_its_derivative_says(yard: Callable[..., Yard], distance: float) -> None:
     drawn = yard()
-    step = 1e-5
-
-    def residuals(value: float) -> FloatArray:
-        return drawn.problem.with_lens_distance(value, AXIS).residuals(drawn.truth)
-
-    shifted = drawn.problem.with_lens_distance(distance, AXIS)
-    expected = (residuals(distance + step) - residuals(distance - step)) / (2 * step)
-    actual = shifted.by_lens_distance(drawn.truth, AXIS)
+    ahead, back, here = (drawn.problem.with_lens_distance(distance + step, AXIS) for step in (1e-5, -1e-5, 0.0))
+    expected = (ahead.residuals(drawn.truth) - back.residuals(drawn.truth)) / 2e-5
+    actual = here.by_lens_distance(drawn.truth, AXIS)
     np.testing.assert_allclose(actual, expected, atol=1e-4 * np.abs(expected).max())
 
 

@@ -13,25 +13,20 @@ from calibration.mounting.fit import fit_mounting
 from calibration.mounting.problem import SurveyedTarget
 from calibration.plan.assessment import assess_plan
 from calibration.plan.prediction import Layout, PlannedTarget, predict
-from calibration.targets.targets import CharucoBoard, SingleTag, facing, on_board, patterns
+from calibration.targets.targets import CharucoBoard, facing, on_board, patterns
 from palletloc.cameras import Equirectangular, Pinhole
 from tests.calibration.expecting import Calibrate, present
 from tests.calibration.simulated_yard import Yard, YardErrors, boards_around, pose_error, simulate_yard
-from tests.calibration.yard_folder import set_key
+from tests.calibration.yard_folder import Change, set_key
 
 CAMERA = Equirectangular(3840, 1920)
-BOARD, TAG = CharucoBoard(4, 3, 0.12, 0.09, "DICT_4X4_250"), SingleTag(0.2, "DICT_APRILTAG_36h11", 0)
+BOARD = CharucoBoard(4, 3, 0.12, 0.09, "DICT_4X4_250")
 EYE = RigidTransform.from_components([0.3, 0.1, 1.9], Rotation.identity())
 FRONT, BACK, LEFT, RIGHT = [3.0, 0.0, 1.6], [-2.6, 0.3, 1.2], [0.2, 2.5, 1.9], [0.5, -2.4, 0.8]
 
 
-def layout_of(
-    boards: list[RigidTransform],
-    target: CharucoBoard | SingleTag,
-    errors: YardErrors,
-    camera_pose: RigidTransform = EYE,
-) -> Layout:
-    pattern = patterns(target)[0]
+def layout_of(boards: list[RigidTransform], errors: YardErrors, camera_pose: RigidTransform = EYE) -> Layout:
+    pattern = patterns(BOARD)[0]
     outline = on_board(pattern.outline)
     planned = [
         PlannedTarget(pattern, SurveyedTarget(f"B{k}", outline, pose.apply(outline), errors.survey))
@@ -49,7 +44,7 @@ def test_what_is_predicted_is_what_the_fit_states(
     jacobian = drawn.problem.jacobian(drawn.truth)
     expected = np.linalg.inv(jacobian.T @ jacobian)[:6, :6]
     boards = boards_around(forklift_from_camera.translation, azimuths, 3)
-    actual = predict(layout_of(boards, BOARD, errors, forklift_from_camera)).covariance
+    actual = predict(layout_of(boards, errors, forklift_from_camera)).covariance
     np.testing.assert_allclose(actual, expected, rtol=1e-6, atol=1e-6 * expected.max())
 
 
@@ -57,7 +52,7 @@ def test_what_is_predicted_is_what_the_fit_states(
 def test_simulated_calibrations_scatter_as_predicted(forklift_from_camera: RigidTransform) -> None:
     azimuths, errors = (0.4, 2.0, -2.6, -1.2), YardErrors(survey=0.001, bearing=2e-4)
     boards = boards_around(forklift_from_camera.translation, azimuths, 0)
-    predicted = predict(layout_of(boards, BOARD, errors, forklift_from_camera)).sigma
+    predicted = predict(layout_of(boards, errors, forklift_from_camera)).sigma
     off = []
     for seed in range(400):
         drawn = simulate_yard(patterns(BOARD)[0], forklift_from_camera, boards, errors, seed)
@@ -72,9 +67,7 @@ def test_simulated_calibrations_scatter_as_predicted(forklift_from_camera: Rigid
 TAG_SPEC = {"dictionary": "DICT_APRILTAG_36h11", "size_m": 0.2}
 
 
-def write(
-    place: Path, centers: list[list[float]], change: Callable[[dict[str, Any]], None] = lambda _: None, **more: object
-) -> Path:
+def write(place: Path, centers: list[list[float]], change: Change = lambda _: None, **more: object) -> Path:
     """Write a layout of tags, each with more keys."""
     targets = {
         f"T{k}": {"tag": TAG_SPEC | {"id": k}, "center_m": center, "sigma_m": 0.001} | more
@@ -142,7 +135,7 @@ def test_degenerate_layouts_are_named(
 
 def test_one_more_target_helps_as_much_as_promised() -> None:
     boards = boards_around(EYE.translation, (0.3, -0.4, 0.1), 1)
-    layout = layout_of(boards, BOARD, YardErrors(survey=0.001, bearing=2e-4))
+    layout = layout_of(boards, YardErrors(survey=0.001, bearing=2e-4))
     before = assess_plan(layout)
     offer = present(before.suggestion)
     level = np.sqrt(2.0**2 - offer.above**2)
@@ -160,7 +153,7 @@ def test_one_more_target_helps_as_much_as_promised() -> None:
 def test_a_target_that_is_not_seen_gives_nothing() -> None:
     camera = Pinhole(1920, 1080, 900.0, 900.0, 960.0, 540.0)
     boards = boards_around(EYE.translation, (0.2, -0.3, 3.0), 2)
-    layout = layout_of(boards, BOARD, YardErrors())
+    layout = layout_of(boards, YardErrors())
     told = assess_plan(Layout(camera, EYE, layout.targets, 0.1))
     assert [target.found for target in told.prediction.targets] == [True, True, False]
     assert "not_in_view" in {finding.code for finding in told.findings}
@@ -175,7 +168,7 @@ def test_a_target_that_is_not_seen_gives_nothing() -> None:
     ],
 )
 def test_targets_that_will_not_be_found_are_named(
-    tmp_path: Path, calibrate: Calibrate, change: Callable[[dict[str, Any]], None], code: str
+    tmp_path: Path, calibrate: Calibrate, change: Change, code: str
 ) -> None:
     assert f"warning: {code}:" in calibrate("plan", write(tmp_path, [FRONT, BACK, LEFT, RIGHT], change)).err
 
@@ -195,9 +188,7 @@ def test_targets_that_will_not_be_found_are_named(
         (lambda content: content.pop("forklift_from_camera"), "forklift_from_camera: is missing"),
     ],
 )
-def test_bad_layouts_are_one_line(
-    tmp_path: Path, calibrate: Calibrate, change: Callable[[dict[str, Any]], None], message: str
-) -> None:
+def test_bad_layouts_are_one_line(tmp_path: Path, calibrate: Calibrate, change: Change, message: str) -> None:
     calibrate("plan", write(tmp_path, [FRONT, BACK, LEFT], change)).refuses(message)
 
 

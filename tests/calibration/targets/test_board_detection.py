@@ -110,16 +110,14 @@ def test_a_target_that_is_not_there_is_not_found(shot: Image) -> None:
 
 
 FISHEYE = KannalaBrandt(800, 800, 195.0, 196.0, 398.0, 402.0, 0.02, -0.005, 0.001, 0.0, max_angle=np.radians(108))
-TURNED = Rotation.from_euler("z", 180, degrees=True)
 DUAL = DualFisheye(
-    FisheyeLens(
-        KannalaBrandt(1600, 800, 250.0, 250.0, 400.0, 400.0, max_angle=np.radians(95)),
-        RigidTransform.from_components([0.02, 0.0, 0.0], Rotation.identity()),
-    ),
-    FisheyeLens(
-        KannalaBrandt(1600, 800, 250.0, 250.0, 1200.0, 400.0, max_angle=np.radians(95)),
-        RigidTransform.from_components([-0.02, 0.0, 0.0], TURNED),
-    ),
+    *(
+        FisheyeLens(
+            KannalaBrandt(1600, 800, 250.0, 250.0, cx, 400.0, max_angle=np.radians(95)),
+            RigidTransform.from_components([x, 0.0, 0.0], Rotation.from_euler("z", yaw, degrees=True)),
+        )
+        for cx, x, yaw in ((400.0, 0.02, 0), (1200.0, -0.02, 180))
+    )
 )
 DIRECTIONS: dict[str, tuple[CameraModel, tuple[float, float, float]]] = {
     "ahead": (PANORAMA, (1.0, 0.1, -0.2)),

@@ -16,13 +16,7 @@ SPREAD = "hang more targets: on at least two sides of the forklift, at different
 
 
 def unobserved(covariance: FloatArray) -> Finding | None:
-    """Return which direction of the six the data leave open, or None.
-
-    Parameters
-    ----------
-    covariance : (6, 6) array
-        Of translation and rotation, in metres and radians.
-    """
+    """Return which direction a (6, 6) covariance of translation and rotation, in metres and radians, leaves open."""
     if not np.isfinite(covariance).all():
         what, worst = "the observations leave the camera's pose open", np.inf
     else:

@@ -7,6 +7,7 @@ them is said here alone.
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Flag, auto
@@ -152,14 +153,13 @@ def numbers(*headings: str) -> tuple[Column, ...]:
     return tuple(Column(heading) for heading in headings)
 
 
-def terminal_parts(result: ResultPage) -> tuple[RenderableType, ...]:
-    """Return what a command prints of a result.
+def finite(value: float) -> float | None:
+    """Return a number as JSON can hold it: None where it is not finite."""
+    return value if math.isfinite(value) else None
 
-    Parameters
-    ----------
-    result : ResultPage
-        The result.
-    """
+
+def terminal_parts(result: ResultPage) -> tuple[RenderableType, ...]:
+    """Return what a command prints of a result."""
     return tuple(part for section in result.sections for part in _on_terminal(section))
 
 
@@ -184,13 +184,7 @@ def _terminal_table(section: Table) -> rich.table.Table:
 
 
 def reason_lines(result: ResultPage) -> tuple[str, ...]:
-    """Return what a command says on standard error: why a result fails, and what restricts it, one line each.
-
-    Parameters
-    ----------
-    result : ResultPage
-        The result.
-    """
+    """Return what a command says on standard error: why a result fails, and what restricts it, one line each."""
     return tuple(
         line
         for section in result.sections
@@ -204,13 +198,7 @@ def _finding_line(finding: Finding) -> str:
 
 
 def json_text(result: ResultPage) -> str:
-    """Return a result as the content of a file in JSON.
-
-    Parameters
-    ----------
-    result : ResultPage
-        The result.
-    """
+    """Return a result as the content of a file in JSON."""
     data: dict[str, Any] = {"format": _FORMAT, "exit_code": result.exit_code}
     for section in result.sections:
         if isinstance(section, Findings):
@@ -225,13 +213,7 @@ def _finding_data(finding: Finding) -> dict[str, str]:
 
 
 def html_text(result: ResultPage) -> str:
-    """Return a result as a page of HTML that needs nothing but itself.
-
-    Parameters
-    ----------
-    result : ResultPage
-        The result.
-    """
+    """Return a result as a page of HTML that needs nothing but itself."""
     start = (html.heading(result.heading, level=1), html.paragraph(result.verdicts[result.exit_code], "lead"))
     parts = (part for section in result.sections for part in _on_page(section))
     return html.page(result.command, (*start, *parts))

@@ -21,15 +21,7 @@ class _RigSpec(Document):
 
 
 def rig_text(camera: CameraSpec, mounting: Mounting) -> str:
-    """Return the content of rig.yaml.
-
-    Parameters
-    ----------
-    camera : CameraSpec
-        As files have it.
-    mounting : Mounting
-        With its standard deviations.
-    """
+    """Return the content of rig.yaml: the camera, and the mounting with its standard deviations."""
     translation, angles = angles_from_transform(mounting.forklift_from_camera)
     x, y, z = (round(value, 6) for value in translation)
     roll, pitch, yaw = (round(angle, 5) for angle in angles)

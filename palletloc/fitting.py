@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
@@ -116,20 +117,20 @@ def fit_from_starts(
         return Refusal(candidate, Stage.VERIFICATION, Reason.LOW_CONTRAST, None, steps)
     best = max(attempts, key=lambda attempt: attempt.likelihood)
     doubted = _with_doubt(shot, best, weak, config)
-    heights = any_height(shot, best, config) if isinstance(best, Fit) else []
-    return decide(doubted, [other_starts(best, attempts), heights], config)
+    heights = any_height(shot, best, config) if isinstance(best, Fit) else ()
+    return decide(doubted, chain(other_starts(best, attempts), heights), config)
 
 
-def decide(best: Fit | Refusal, alternatives: Iterable[Iterable[Rival]], config: LocalizerConfig) -> Fit | Refusal:
+def decide(best: Fit | Refusal, rivals: Iterable[Rival], config: LocalizerConfig) -> Fit | Refusal:
     """Decide between a fit and other explanations of the image.
 
     Parameters
     ----------
     best : Fit or Refusal
         What was measured.
-    alternatives : iterable of iterables of Rival
-        Groups of other explanations; those in a group exclude each other. A group is looked at one by one and no
-        further than to the first that wins.
+    rivals : iterable of Rival
+        Other explanations, which exclude each other. They are looked at one by one, and no further than to the first
+        that wins.
     config : LocalizerConfig
         Parameters.
 
@@ -141,17 +142,16 @@ def decide(best: Fit | Refusal, alternatives: Iterable[Iterable[Rival]], config:
         covariance by their distance, weighted by their posterior probability; a fit that is not of use then is
         refused, too.
     """
-    for rivals in alternatives:
-        odds, apart = [0.0], [np.zeros(4)]
-        for rival in rivals:
-            if isinstance(best, Refusal) and rival.instead is not None:
-                return rival.instead
-            if isinstance(best, Fit) and rival.wins:
-                return rival.instead or _given_up(best, rival.reason)
-            odds.append(rival.nats)
-            apart.append(rival.apart)
-        if len(odds) > 1:
-            best = _widened(best, _mixed(np.array(odds), np.array(apart)))
+    odds, apart = [0.0], [np.zeros(4)]
+    for rival in rivals:
+        if isinstance(best, Refusal) and rival.instead is not None:
+            return rival.instead
+        if isinstance(best, Fit) and rival.wins:
+            return rival.instead or _given_up(best, rival.reason)
+        odds.append(rival.nats)
+        apart.append(rival.apart)
+    if len(odds) > 1:
+        best = _widened(best, _mixed(np.array(odds), np.array(apart)))
     if isinstance(best, Fit) and best.face is not None and not of_use(best.covariance, config.verification):
         return _given_up(best, Reason.UNCERTAIN)
     return best

@@ -19,7 +19,7 @@ from palletloc.measurement import HeightPrior, PalletMeasurement, Reason, Refuse
 from palletloc.methods import METHODS
 from palletloc.overlap import exclude_overlaps
 from palletloc.pallet import PalletModel
-from palletloc.rivals import one_opening_aside, other_model, wide_start
+from palletloc.rivals import one_opening_aside, other_models, wide_start
 from palletloc.shelf import ShelfPlane
 from palletloc.shelf_view import ShelfView
 from palletloc.shot import Shot, points_about, shelf_points
@@ -179,20 +179,20 @@ class Localizer:
             return given
         measure = METHODS[self.method]
         near = measure(shot, given, self.config)
-        best = decide(near, [wide_start(shot, near, measure, self.config)], self.config)
+        best = decide(near, wide_start(shot, near, measure, self.config), self.config)
         return self._beside(shot, self._against_models(shot, best))
 
     def _against_models(self, shot: Shot, best: Fit | Refusal) -> Fit | Refusal:
         """Weigh every other model; as published, the paper's methods ask no such question."""
-        for model in () if self.method in UNVERIFIED else self.models.values():
-            rival = other_model(shot, best, model, METHODS[self.method], self.config)
-            best = decide(best, [rival], self.config)
-        return best
+        if self.method in UNVERIFIED:
+            return best
+        rivals = other_models(shot, best, self.models.values(), METHODS[self.method], self.config)
+        return decide(best, rivals, self.config)
 
     def _beside(self, shot: Shot, best: Fit | Refusal) -> Fit | Refusal:
         """Weigh the same pallet one opening aside."""
         rivals = one_opening_aside(shot, best, METHODS[self.method], self.config)
-        return decide(best, [rivals], self.config)
+        return decide(best, rivals, self.config)
 
     def _exposed_for(self, shot: Shot, shelf: ShelfPlane) -> Shot:
         levels = shelf.levels or self.config.detection.heights

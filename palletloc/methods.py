@@ -52,7 +52,7 @@ def measure_refined(shot: Shot, candidate: Candidate, config: LocalizerConfig) -
         return fit_from_starts(shot, candidate, starts, prepared, weak, config, (found,))
 
     best = measured(found.starts)
-    return decide(best, [own_start(best, lambda start: measured([(start, found.patch)]))], config)
+    return decide(best, own_start(best, lambda start: measured([(start, found.patch)])), config)
 
 
 METHODS: dict[Method, Measure] = {

@@ -160,10 +160,10 @@ def any_height(shot: Shot, best: Fit, config: LocalizerConfig) -> Iterator[Rival
         yield Rival(odds, free.forklift_from_pallet.minus(best.pose), float(off), Reason.OFF_LEVEL)
 
 
-def other_model(
-    shot: Shot, best: Fit | Refusal, model: PalletModel, measure: Measure, config: LocalizerConfig
+def other_models(
+    shot: Shot, best: Fit | Refusal, models: Iterable[PalletModel], measure: Measure, config: LocalizerConfig
 ) -> Iterator[Rival]:
-    """Yield another model in a fit's place in the image, where its height is unknown and only its size tells.
+    """Yield other models in a fit's place in the image, where its height is unknown and only its size tells.
 
     Parameters
     ----------
@@ -171,7 +171,7 @@ def other_model(
         The shot.
     best : Fit or Refusal
         What was measured.
-    model : PalletModel
+    models : iterable of PalletModel
         What else may stand there; the fit's own is no rival.
     measure : callable
         Measures a candidate.
@@ -180,13 +180,14 @@ def other_model(
     """
     if isinstance(best, Refusal) or best.candidate.height is not None or best.face is None:
         return
-    if model.name == best.candidate.model.name:
-        return
-    rival = measure(shot, Candidate(model, _as_wide(model, best, shot)), config)
-    nats = rival.likelihood - best.likelihood
-    if rival.fit is not None and nats >= -NATS_PER_EDGE:  # where an edge more speaks for the fit there is no rival
-        apart = rival.fit.pose.minus(best.pose)
-        yield Rival(nats, apart, _sigmas(apart, best.face), Reason.OVERLAP)
+    for model in models:
+        if model.name == best.candidate.model.name:
+            continue
+        rival = measure(shot, Candidate(model, _as_wide(model, best, shot)), config)
+        nats = rival.likelihood - best.likelihood
+        if rival.fit is not None and nats >= -NATS_PER_EDGE:  # where an edge more speaks for the fit there is none
+            apart = rival.fit.pose.minus(best.pose)
+            yield Rival(nats, apart, _sigmas(apart, best.face), Reason.OVERLAP)
 
 
 def _as_wide(model: PalletModel, fit: Fit, shot: Shot) -> LevelPose:

@@ -52,13 +52,10 @@ def long_options(command: Command) -> set[str]:
     return {name for leaf in below for option in leaf.params for name in option.opts if name[:2] == "--"}
 
 
-def test_every_reason_and_stage_is_listed_and_no_other() -> None:
+def test_every_reason_is_explained_with_cause_and_remedy_and_every_stage_has_a_row() -> None:
     assert sorted(re.findall(r"^### (.+)$", REFUSALS, re.MULTILINE)) == sorted(Reason)
     rows = re.findall(r"^\| `(\w+)` \|", sections(REFUSALS, "##")["Stages"], re.MULTILINE)
     assert rows == [str(stage) for stage in Stage]
-
-
-def test_every_reason_is_explained_with_cause_and_remedy() -> None:
     for reason in Reason:
         text = sections(REFUSALS, "###")[reason]
         meaning, *points = re.split(r"^- ", text.strip(), flags=re.MULTILINE)
@@ -151,16 +148,17 @@ def printed(example: str, capsys: pytest.CaptureFixture[str]) -> list[str]:
     return capsys.readouterr().out.splitlines()
 
 
-def test_the_streaming_example_confirms_every_pallet(capsys: pytest.CaptureFixture[str]) -> None:
-    lines = printed(EXAMPLES[1], capsys)
-    assert len(lines) >= 2
-    assert all(re.fullmatch(r"[\d.]+ s track \d: [-\d. ]+ m, exact", line) for line in lines)
-
-
-def test_the_python_example_prints_a_line_per_pallet_and_shot(capsys: pytest.CaptureFixture[str]) -> None:
-    lines = printed(EXAMPLES[0], capsys)
-    assert len(lines) >= 11
-    assert all(re.fullmatch(r"[\d.]+ s t11-plastic: [-\d. ]+ m, [-\d.]+ rad", line) for line in lines)
+@pytest.mark.parametrize(
+    ("number", "least", "line"),
+    [(0, 11, r"[\d.]+ s t11-plastic: [-\d. ]+ m, [-\d.]+ rad"), (1, 2, r"[\d.]+ s track \d: [-\d. ]+ m, exact")],
+    ids=["shots", "streaming"],
+)
+def test_each_python_example_of_the_readme_prints_a_line_per_pallet(
+    number: int, least: int, line: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = printed(EXAMPLES[number], capsys)
+    assert len(lines) >= least
+    assert all(re.fullmatch(line, printed_line) for printed_line in lines)
 
 
 def test_every_file_that_is_linked_exists() -> None:

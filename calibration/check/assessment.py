@@ -70,15 +70,7 @@ def check_mounting(
 
 
 def assess_check(check: MountingCheck, tolerance: float) -> CheckAssessment:
-    """Judge a check.
-
-    Parameters
-    ----------
-    check : MountingCheck
-        What was found.
-    tolerance : float
-        How far the camera may be turned about x or y, in radians.
-    """
+    """Judge a check; the tolerance of roll and pitch is in radians."""
     return CheckAssessment(check, tolerance, tuple(_findings(check, tolerance)))
 
 

@@ -8,18 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from calibration.check import tilt_sources
 from calibration.check.floor_lines import floor_segments, floor_tilt
 from calibration.check.pallet_heights import HeightEstimate, height_estimate, measure_elevations
-from calibration.check.tilt_sources import (
-    FLOOR,
-    LEVELS,
-    PALLETS,
-    VERTICALS,
-    Absent,
-    Contradiction,
-    NamedTilt,
-    fused_tilt,
-)
 from calibration.drive import evenly_spread
 from calibration.shelf.gravity_lines import Tilt, level_direction, level_tilt, vertical_tilt
 from calibration.shelf.landmarks import usable_shots
@@ -65,7 +56,7 @@ class MountingCheck:
     """With the stated mounting."""
     segments: tuple[Segments, ...]
     """Straight edges of the shots, by the stated mounting."""
-    tilts: tuple[NamedTilt, ...]
+    tilts: tuple[tilt_sources.NamedTilt, ...]
     """One for each source that gave something."""
     turn: FloatArray | None
     """(2,) roll and pitch by which the camera is turned, in radians; None where no source gives them."""
@@ -77,9 +68,9 @@ class MountingCheck:
     """Yaw by which it is turned and its standard deviation, in radians; None where nothing tells."""
     survey: ShelfSurvey | None
     """The shelf by the mounting that is corrected for roll and pitch; None where there are no shots."""
-    absent: tuple[Absent, ...] = ()
+    absent: tuple[tilt_sources.Absent, ...] = ()
     """Sources that say nothing of roll and pitch."""
-    worst: Contradiction | None = None
+    worst: tilt_sources.Contradiction | None = None
     """The two sources that differ most for what they state."""
     yaws: tuple[NamedYaw, ...] = ()
     """What pallets alone and uprights alone say of the yaw."""
@@ -98,20 +89,7 @@ class MountingCheck:
 
 
 def measure_turn(recording: Recording, on_progress: Callable[[str], None] = lambda _: None) -> MountingCheck:
-    """Look for a turn of the camera.
-
-    Parameters
-    ----------
-    recording : Recording
-        With the stated mounting, and the nominal plane of the shelf.
-    on_progress : callable
-        Is told what is done next.
-
-    Returns
-    -------
-    MountingCheck
-        Also where nothing was found.
-    """
+    """Look for a turn of the camera against the mounting that a recording states, by its nominal shelf plane."""
     shots = usable_shots(recording)
     if not shots:
         return MountingCheck(recording, (), (), None, np.zeros((2, 2)), 1.0, None, None)
@@ -129,19 +107,19 @@ def measure_turn(recording: Recording, on_progress: Callable[[str], None] = lamb
     estimate = None if heights is None else height_estimate(heights, float(corrected.translation[2]))
     on_progress("looking for lines on the floor")
     rest = {
-        LEVELS: _level(segments, spread, survey, start),
-        FLOOR: _floor(survey, spread),
-        PALLETS: None if estimate is None else estimate.tilt,
+        tilt_sources.LEVELS: _level(segments, spread, survey, start),
+        tilt_sources.FLOOR: _floor(survey, spread),
+        tilt_sources.PALLETS: None if estimate is None else estimate.tilt,
     }
     # These were measured after the upright edges had been made plumb: against the stated mounting that comes on top.
-    tilts = [] if plumb is None else [NamedTilt(VERTICALS, plumb)]
-    tilts += [NamedTilt(name, _on_top(tilt, start)) for name, tilt in rest.items() if tilt is not None]
+    tilts = [] if plumb is None else [tilt_sources.NamedTilt(tilt_sources.VERTICALS, plumb)]
+    tilts += [tilt_sources.NamedTilt(name, _on_top(tilt, start)) for name, tilt in rest.items() if tilt is not None]
     told = {source.method for source in tilts}
-    absent = tuple(Absent(name, why) for name, why in _WHY.items() if name not in told)
+    absent = tuple(tilt_sources.Absent(name, why) for name, why in _WHY.items() if name not in told)
     yaw, yaws = _yaws(survey)
     if not tilts:
         return MountingCheck(recording, tuple(segments), (), None, np.zeros((2, 2)), 1.0, yaw, survey, absent)
-    fused = fused_tilt(tilts)
+    fused = tilt_sources.fused_tilt(tilts)
     return MountingCheck(
         recording, tuple(segments), tuple(tilts), -fused.turn, fused.covariance, fused.chance, yaw, survey, absent,
         fused.worst, yaws, _height(estimate, fused.turn - start, fused.covariance),
@@ -149,10 +127,10 @@ def measure_turn(recording: Recording, on_progress: Callable[[str], None] = lamb
 
 
 _WHY = {
-    VERTICALS: "fewer than eight upright edges are seen",
-    LEVELS: "too few level edges along the shelf are seen, or its heading is not known",
-    FLOOR: "no line on the floor, along the shelf or square to it, is seen in three shots",
-    PALLETS: "fewer than six sights of pallets",
+    tilt_sources.VERTICALS: "fewer than eight upright edges are seen",
+    tilt_sources.LEVELS: "too few level edges along the shelf are seen, or its heading is not known",
+    tilt_sources.FLOOR: "no line on the floor, along the shelf or square to it, is seen in three shots",
+    tilt_sources.PALLETS: "fewer than six sights of pallets",
 }
 """Why a source says nothing."""
 
@@ -214,7 +192,7 @@ def _level(segments: Sequence[Segments], spread: Sequence[int], survey: ShelfSur
 def _yaws(survey: ShelfSurvey) -> tuple[tuple[float, float] | None, tuple[NamedYaw, ...]]:
     """Return by how much the camera is turned in yaw, by all landmarks and by each kind of them."""
     kinds = {
-        PALLETS: replace(survey.observed, edges=()),
+        tilt_sources.PALLETS: replace(survey.observed, edges=()),
         "uprights": replace(survey.observed, pallets=(), pallet_of=np.zeros(0, np.intp)),
     }
     seen = _seen_yaw(survey)

@@ -70,15 +70,7 @@ class HeightEstimate:
     """How many pallets there are."""
 
     def height_given(self, turn: FloatArray, covariance: FloatArray) -> tuple[float, float]:
-        """Return the height and its standard deviation once the tilt is known better, by other sources too.
-
-        Parameters
-        ----------
-        turn : (2,) array
-            Tilt of what is seen, in radians.
-        covariance : (2, 2) array
-            Of it.
-        """
+        """Return the height and its standard deviation once the tilt, (2,) in radians, is known better."""
         slope = self.covariance[2, :2] @ np.linalg.inv(self.covariance[:2, :2])
         height = self.height + float(slope @ (turn - self.tilt.turn))
         left = self.covariance[2, 2] - slope @ (self.covariance[:2, :2] - covariance) @ slope

@@ -9,24 +9,11 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from calibration import result_page as page
 from calibration.check.assessment import CheckAssessment
 from calibration.check.mounting import MountingCheck
 from calibration.check.tilt_sources import NamedTilt
 from calibration.report_figure import titled_figure, wide_axes
-from calibration.result_page import (
-    Drawing,
-    Findings,
-    Heading,
-    JsonValues,
-    KeyFigures,
-    Output,
-    Paragraph,
-    ResultPage,
-    Section,
-    Table,
-    numbers,
-    words,
-)
 from calibration.shelf.gravity_lines import upright_edges
 from palletloc.drawing.canvas import DEGREE, FAINT, GRID, INK, PLUS_MINUS, SERIES, add_legend
 from palletloc.geometry import FloatArray
@@ -44,52 +31,46 @@ _OPEN_DEG = 5.0
 """A source with a larger standard deviation, in degrees, leaves that axis open."""
 
 
-def check_page(assessment: CheckAssessment) -> ResultPage:
-    """Return a check of a mounting as all outputs show it.
-
-    Parameters
-    ----------
-    assessment : CheckAssessment
-        From `check_mounting`.
-    """
+def check_page(assessment: CheckAssessment) -> page.ResultPage:
+    """Return a check of a mounting, from `check_mounting`, as all outputs show it."""
     heading = "Is the mounting still right?"
-    return ResultPage("palletloc calibrate check", heading, _VERDICTS, tuple(_sections(assessment)))
+    return page.ResultPage("palletloc calibrate check", heading, _VERDICTS, tuple(_sections(assessment)))
 
 
-def _sections(assessment: CheckAssessment) -> Iterator[Section]:
+def _sections(assessment: CheckAssessment) -> Iterator[page.Section]:
     check, tolerance = assessment.check, float(np.degrees(assessment.tolerance))
     turns = tuple(_turns(check))
     if turns:
-        yield KeyFigures(
+        yield page.KeyFigures(
             tuple((f"{value}{DEGREE}", f"{name} {PLUS_MINUS} {sigma}{DEGREE}") for name, value, sigma in turns)
         )
-        yield Paragraph(
+        yield page.Paragraph(
             "By so much the camera is turned about the forklift's axes against what recording.yaml says; after the"
             f" sign stands one standard deviation. Up to {tolerance:.2f}{DEGREE} of roll or pitch pass."
         )
-    yield Findings(assessment.findings, "Nothing is left to do.")
+    yield page.Findings(assessment.findings, "Nothing is left to do.")
     absent = [{"method": source.method, "why": source.why} for source in check.absent]
-    yield JsonValues({"tolerance_deg": tolerance, "absent": absent})
+    yield page.JsonValues({"tolerance_deg": tolerance, "absent": absent})
     if not turns:
         return
-    yield JsonValues(_values(check))
-    yield Heading("Sources")
-    yield Table(numbers("", f"turned by {DEGREE}", f"sigma {DEGREE}"), turns, Output.TERMINAL)
+    yield page.JsonValues(_values(check))
+    yield page.Heading("Sources")
+    yield page.Table(page.numbers("", f"turned by {DEGREE}", f"sigma {DEGREE}"), turns, page.Output.TERMINAL)
     rows = tuple(_source_row(source) for source in check.tilts)
-    columns = (*words("source"), *numbers(f"roll {DEGREE}", "sigma", f"pitch {DEGREE}", "sigma", "sights"))
-    yield Table(columns, rows, Output.TERMINAL)
+    columns = (*page.words("source"), *page.numbers(f"roll {DEGREE}", "sigma", f"pitch {DEGREE}", "sigma", "sights"))
+    yield page.Table(columns, rows, page.Output.TERMINAL)
     columns = (
-        *words("source"),
-        *numbers(f"roll {DEGREE}", f"sigma {DEGREE}", f"pitch {DEGREE}", f"sigma {DEGREE}", "sights"),
+        *page.words("source"),
+        *page.numbers(f"roll {DEGREE}", f"sigma {DEGREE}", f"pitch {DEGREE}", f"sigma {DEGREE}", "sights"),
     )
-    yield Table(columns, (*rows, *((source.method, "", "", "", "", "0") for source in check.absent)))
-    yield Paragraph(_agreement(check), Output.PAGE | Output.TERMINAL)
+    yield page.Table(columns, (*rows, *((source.method, "", "", "", "", "0") for source in check.absent)))
+    yield page.Paragraph(_agreement(check), page.Output.PAGE | page.Output.TERMINAL)
     if check.yaws:
-        yield Table(
-            (*words("yaw by"), *numbers(f"yaw {DEGREE}", f"sigma {DEGREE}")),
+        yield page.Table(
+            (*page.words("yaw by"), *page.numbers(f"yaw {DEGREE}", f"sigma {DEGREE}")),
             tuple((yaw.method, f"{np.degrees(yaw.turn):+.2f}", f"{np.degrees(yaw.sigma):.2f}") for yaw in check.yaws),
         )
-    yield Drawing(partial(_figure, check), "How upright edges lean, by the direction in which they are seen.")
+    yield page.Drawing(partial(_figure, check), "How upright edges lean, by the direction in which they are seen.")
 
 
 def _values(check: MountingCheck) -> dict[str, Any]:

@@ -13,18 +13,7 @@ _TERMS = {name: MODELS[name].shape for name in ("kannala_brandt", "pinhole", "do
 
 
 def read_adapter(fields: Fields) -> list[FiledCamera]:
-    """Return the camera of a file with the keys ``image`` and ``parameter``.
-
-    Parameters
-    ----------
-    fields : Fields
-        The whole file.
-
-    Raises
-    ------
-    FormatError
-        If it does not hold what the format says.
-    """
+    """Return the camera of a file with ``image`` and ``parameter``; argument and errors as for `read_basalt`."""
     image, given = fields.at("image"), fields.at("parameter")
     size = image.at("width").side(), image.at("height").side()
     keys = set(given.value) - set(_LENS) if isinstance(given.value, dict) else set()

@@ -64,22 +64,18 @@ def _ocam_text(cameras: Sequence[FiledCamera], _: Path) -> str:
     return ocam.ocam_text(ocam.ocam_camera(camera))
 
 
-def _own_text(cameras: Sequence[FiledCamera], _: Path) -> str:
-    return camera_text(_single(cameras).camera)
-
-
-def _opencv_text(cameras: Sequence[FiledCamera], out: Path) -> str:
-    return opencv.opencv_text(_single(cameras).camera, out.suffix.lower())
-
-
 _FORMATS = {
-    "palletloc": _Format((*MODELS, _DUAL), _YAML, _own_text),
+    "palletloc": _Format((*MODELS, _DUAL), _YAML, lambda cameras, _: camera_text(_single(cameras).camera)),
     "kalibr": _Format(kalibr.MODELS, _YAML, lambda cameras, _: kalibr.kalibr_text(cameras)),
     "basalt": _Format(basalt.MODELS, (".json",), lambda cameras, _: basalt.basalt_text(cameras)),
     "ros": _Format(
         ros.MODELS, _YAML, lambda cameras, _: ros.camera_info_text(_single(cameras).camera, cameras[0].name)
     ),
-    "opencv": _Format(opencv.MODELS, (".xml", ".yml", ".yaml", ".json"), _opencv_text),
+    "opencv": _Format(
+        opencv.MODELS,
+        (".xml", ".yml", ".yaml", ".json"),
+        lambda cameras, out: opencv.opencv_text(_single(cameras).camera, out.suffix.lower()),
+    ),
     "ocam": _Format(ocam.MODELS, (".txt",), _ocam_text),
 }
 """The forms that can be written, by name."""

@@ -26,7 +26,7 @@ class FormatError(InputError):
 
 @dataclass(frozen=True, slots=True)
 class Fields:
-    """A value in a file, with the way to it."""
+    """A value in a file, with the way to it. What reads it raises `FormatError` where something else stands there."""
 
     path: Path
     """The file."""
@@ -45,13 +45,7 @@ class Fields:
         return isinstance(self.value, dict) and key in self.value
 
     def at(self, key: str) -> Fields:
-        """Return what stands under a key.
-
-        Raises
-        ------
-        FormatError
-            If it is missing, or this is no mapping.
-        """
+        """Return what stands under a key."""
         if not isinstance(self.value, dict):
             raise self.fault("a mapping")
         place = f"{self.place}.{key}" if self.place else key
@@ -60,25 +54,13 @@ class Fields:
         return Fields(self.path, place, self.value[key])
 
     def items(self) -> list[Fields]:
-        """Return the entries of a list.
-
-        Raises
-        ------
-        FormatError
-            If this is no list.
-        """
+        """Return the entries of a list."""
         if not isinstance(self.value, list):
             raise self.fault("a list")
         return [Fields(self.path, f"{self.place}[{i}]", value) for i, value in enumerate(self.value)]
 
     def number(self) -> float:
-        """Return a finite number.
-
-        Raises
-        ------
-        FormatError
-            If this is none.
-        """
+        """Return a finite number."""
         try:
             value = math.nan if isinstance(self.value, bool) else float(self.value)
         except (TypeError, ValueError, OverflowError):
@@ -88,36 +70,18 @@ class Fields:
         return value
 
     def numbers(self, *counts: int) -> tuple[float, ...]:
-        """Return as many finite numbers as one of the counts says.
-
-        Raises
-        ------
-        FormatError
-            If there are others.
-        """
+        """Return as many finite numbers as one of the counts says."""
         if not isinstance(self.value, list) or len(self.value) not in counts:
             raise self.fault(f"{' or '.join(str(count) for count in counts)} numbers")
         return tuple(item.number() for item in self.items())
 
     def size(self) -> tuple[int, int]:
-        """Return width and height in pixels from a list of two.
-
-        Raises
-        ------
-        FormatError
-            If there are no two such numbers.
-        """
+        """Return width and height in pixels from a list of two."""
         first, second = self.numbers(2)
         return self._side(first), self._side(second)
 
     def side(self) -> int:
-        """Return a width or height in pixels.
-
-        Raises
-        ------
-        FormatError
-            If it is none.
-        """
+        """Return a width or height in pixels."""
         return self._side(self.number())
 
     def _side(self, value: float) -> int:
@@ -126,13 +90,7 @@ class Fields:
         return int(value)
 
     def text(self, known: Sequence[str] = ()) -> str:
-        """Return a text, one of the known ones where they are given.
-
-        Raises
-        ------
-        FormatError
-            If it is another; the message names the nearest.
-        """
+        """Return a text, one of the known ones where they are given."""
         if not isinstance(self.value, str):
             raise self.fault("a text")
         if known and self.value not in known:
@@ -200,13 +158,7 @@ class StorageFile:
             raise InputError(f"{path}: is not a file of OpenCV; expected XML, YAML or JSON as FileStorage writes it")
 
     def node(self, key: str) -> cv2.FileNode:
-        """Return the node of a key.
-
-        Raises
-        ------
-        InputError
-            If it is missing.
-        """
+        """Return the node of a key."""
         node = self._storage.getNode(key)
         if node.empty():
             raise InputError(f"{self._path}: {key}: is missing")

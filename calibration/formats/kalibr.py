@@ -36,18 +36,7 @@ _NAMES = {
 
 
 def read_kalibr(fields: Fields) -> list[FiledCamera]:
-    """Return the cameras of a camchain, in its order.
-
-    Parameters
-    ----------
-    fields : Fields
-        The whole file.
-
-    Raises
-    ------
-    FormatError
-        If it does not hold what the format says.
-    """
+    """Return the cameras of a camchain, in its order; argument and errors as for `read_basalt`."""
     names = sorted(key for key in fields.value if str(key).startswith("cam"))
     found, place = list[FiledCamera](), RigidTransform.identity()
     for i, name in enumerate(names):
@@ -73,13 +62,7 @@ def _camera(entry: Fields) -> CameraModel:
 
 
 def kalibr_text(cameras: Sequence[FiledCamera]) -> str:
-    """Return a camchain.
-
-    Raises
-    ------
-    ValueError
-        If the format does not know a camera's model.
-    """
+    """Return a camchain; errors as for `basalt_text`."""
     content = {}
     for i, filed in enumerate(cameras):
         entry = _entry(filed.camera)

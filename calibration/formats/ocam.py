@@ -143,13 +143,7 @@ def _numbers(path: Path, number: int, line: str, count: int | None = None) -> tu
 
 
 def ocam_camera(lens: KannalaBrandt) -> OcamCamera:
-    """Return the camera of OCamCalib that images like a Kannala-Brandt lens.
-
-    Parameters
-    ----------
-    lens : KannalaBrandt
-        The lens; beyond its largest angle the polynomials mean nothing.
-    """
+    """Return the OCamCalib camera that images like a lens; beyond its largest angle the polynomials mean nothing."""
     angle = np.linspace(1e-4, lens.max_angle, _SAMPLES)
     radius = lens.fx * (angle + (angle[:, None] ** np.array([3, 5, 7, 9])) @ [lens.k1, lens.k2, lens.k3, lens.k4])
     for degree in range(4, _MOST_TERMS):

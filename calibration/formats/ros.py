@@ -15,18 +15,7 @@ _DISTORTIONS = ("plumb_bob", "equidistant", "fisheye", "rational_polynomial")
 
 
 def read_camera_info(fields: Fields) -> list[FiledCamera]:
-    """Return the camera of a camera_info.
-
-    Parameters
-    ----------
-    fields : Fields
-        The whole file.
-
-    Raises
-    ------
-    FormatError
-        If it does not hold what the format says.
-    """
+    """Return the camera of a camera_info; argument and errors as for `read_basalt`."""
     size = fields.at("image_width").side(), fields.at("image_height").side()
     matrix = fields.at("camera_matrix").at("data").numbers(9)
     lens = matrix[0], matrix[4], matrix[2], matrix[5]
@@ -41,13 +30,7 @@ def read_camera_info(fields: Fields) -> list[FiledCamera]:
 
 
 def camera_info_text(camera: CameraModel, name: str) -> str:
-    """Return a camera_info.
-
-    Raises
-    ------
-    ValueError
-        If the format does not know the camera's model.
-    """
+    """Return a camera_info; errors as for `basalt_text`."""
     model, (fx, fy, cx, cy), terms = filed_shape(camera, MODELS, "camera_info")
     kind = "equidistant" if model == "kannala_brandt" else "plumb_bob"
     content = {

@@ -89,15 +89,7 @@ class Checked:
 
 
 def view_findings(task: IntrinsicsTask, found: Collected) -> list[Finding]:
-    """Return what there is to say about the shots before anything is fitted.
-
-    Parameters
-    ----------
-    task : IntrinsicsTask
-        What was to be read.
-    found : Collected
-        What the shots show.
-    """
+    """Return what there is to say about the shots of a task before anything is fitted."""
     findings = [
         Finding(Severity.WARNING, "duplicate_view", f"{twin} is the same as {earlier}; it counts once", "take it out")
         for twin, earlier in found.duplicates
@@ -116,17 +108,7 @@ def view_findings(task: IntrinsicsTask, found: Collected) -> list[Finding]:
 
 
 def check_fit(fit: LensFit, cameras: Sequence[LensCamera], apertures: Sequence[float]) -> Checked:
-    """Return what there is to say about a fit.
-
-    Parameters
-    ----------
-    fit : LensFit
-        The result.
-    cameras : sequence of LensCamera
-        Of each lens.
-    apertures : sequence of float
-        Width of what each lens shows, in pixels.
-    """
+    """Return what there is to say about a fit, by the camera of each lens and the width of what it shows, in px."""
     parameters, _, _ = fit.problem.columns()
     coverage = tuple(
         _coverage_of(fit, lens, camera, aperture)
@@ -169,13 +151,7 @@ def _coverage_of(fit: LensFit, lens: int, camera: LensCamera, aperture: float) -
 
 
 def check_stitched(fit: StitchedFit) -> list[Finding]:
-    """Return what there is to say about the lenses behind stitched shots.
-
-    Parameters
-    ----------
-    fit : StitchedFit
-        The correction.
-    """
+    """Return what there is to say about the lenses behind stitched shots, by the correction of these."""
     _, sigma = fit.between
     turn, place = float(sigma[:3].max()), float(sigma[3:].max())
     what = f"the back lens's place is known to {1000 * place:.1f} mm and {np.degrees(turn):.2f} degrees only"

@@ -206,13 +206,7 @@ def _own_part(task: IntrinsicsTask, image: Image, lens: int) -> Image:
 
 
 def numbered_boards(views: Sequence[BoardView]) -> list[BoardView]:
-    """Return views with their boards numbered without gaps, so that a board that is never seen has no number.
-
-    Parameters
-    ----------
-    views : sequence of BoardView
-        Of all lenses.
-    """
+    """Return the views of all lenses with boards numbered without gaps: one that is never seen has no number."""
     seen = sorted({view.board for view in views})
     return [replace(view, board=seen.index(view.board)) for view in views]
 

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from calibration.intrinsics.assessment import SECTORS, Checked, Coverage
 from calibration.lenses.fit import LensFit
-from calibration.report_figure import HEAD, titled_figure, wide_axes
+from calibration.report_figure import HEAD, draw_correlations, titled_figure, wide_axes
 from palletloc.drawing.canvas import DEGREE, FAINT, GRID, INK, SERIES, WIDTH_PX, add_axes, add_legend
 
 _LEFT = 84
@@ -100,15 +100,7 @@ def correlation_figure(fit: LensFit) -> Figure:
     """Draw the correlations of the parameters."""
     line = "Near 1 or -1 two numbers cannot be told apart; bearings are not worse for it"
     figure = titled_figure(560, "Correlations", line, _LEFT)
-    axes = wide_axes(figure, 440, left=_LEFT)
-    names = fit.problem.names()
-    axes.imshow(fit.correlation, cmap="RdBu_r", vmin=-1, vmax=1, aspect="auto")
-    axes.set_xticks(range(len(names)), names, rotation=0 if len(names) < 13 else 90)
-    axes.set_yticks(range(len(names)), names)
-    for (row, column), value in np.ndenumerate(fit.correlation):
-        if len(names) < 13:
-            color = "white" if abs(value) > 0.6 else INK
-            axes.text(column, row, f"{round(value, 2) + 0.0:.2f}", ha="center", va="center", size=9, color=color)
+    draw_correlations(wide_axes(figure, 440, left=_LEFT), fit.correlation, fit.problem.names(), 9)
     return figure
 
 

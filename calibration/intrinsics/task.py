@@ -10,8 +10,8 @@ import numpy as np
 from pydantic import Field
 
 from calibration.lenses.fit import Aperture
-from calibration.targets.target_file import CharucoSpec, Positive
-from calibration.targets.targets import CharucoBoard, TargetError, patterns
+from calibration.targets.target_file import CharucoSpec, Positive, charuco_board, checked_target, refuse_shared_ids
+from calibration.targets.targets import CharucoBoard
 from palletloc.cameras import CameraModel, DualFisheye
 from palletloc.geometry import FloatArray
 from palletloc.io.camera_spec import camera_from_spec
@@ -176,34 +176,18 @@ def _board(path: Path, name: str, spec: _BoardSpec) -> _Board:
         case (_ChessboardSpec() as given, None):
             return Chessboard(given.inner_columns, given.inner_rows, given.square_m)
         case (None, CharucoSpec() as given):
-            board = CharucoBoard(
-                given.columns, given.rows, given.square_m, given.marker_m, given.dictionary, given.first_id
-            )
+            return checked_target(where, charuco_board(given))
         case _:
             raise DocumentError(f"{where}: expected one of the keys chessboard and charuco")
-    try:
-        patterns(board)
-    except TargetError as error:
-        raise DocumentError(f"{where}: {error}") from error
-    return board
 
 
 def _check_boards(path: Path, boards: dict[str, _Board]) -> None:
     """Raise an error where boards cannot be told apart."""
-    owners: dict[tuple[str, int], str] = {}
     plain = [name for name, board in boards.items() if isinstance(board, Chessboard)]
     if len(plain) > 1:
         raise DocumentError(
             f"{path}: boards.{plain[1]}: is a second plain chessboard, which cannot be told from {plain[0]};"
             " expected ChArUco boards where there are several"
         )
-    for name, board in boards.items():
-        if isinstance(board, Chessboard):
-            continue
-        for number in patterns(board)[0].marker_ids:
-            owner = owners.setdefault((board.dictionary, int(number)), name)
-            if owner != name:
-                raise DocumentError(
-                    f"{path}: boards.{name}: has the marker {number} of {board.dictionary}, which {owner} has too;"
-                    " expected every id once"
-                )
+    coded = {name: board for name, board in boards.items() if not isinstance(board, Chessboard)}
+    refuse_shared_ids(path, coded, "boards")

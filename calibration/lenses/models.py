@@ -81,15 +81,7 @@ class LensModel:
         return ("fx", "fy", "cx", "cy", *self.shape)
 
     def start_values(self, focal: float, center: FloatArray) -> list[FloatArray]:
-        """Return parameters to begin with, for each of the shapes.
-
-        Parameters
-        ----------
-        focal : float
-            Pixels per radian on the axis.
-        center : (2,) array
-            Pixel of the axis.
-        """
+        """Return first parameters for each of the shapes; `focal` in pixels per radian, `center`, (2,), in pixels."""
         found = []
         for shape in self.starts:
             values = np.array([1.0, 1.0, 0.0, 0.0, *shape])
@@ -104,15 +96,7 @@ class LensModel:
         return bool(np.isfinite(values).all() and (values[:2] > 0).all() and inside)
 
     def evaluate(self, values: FloatArray, rays: FloatArray) -> Imaged:
-        """Return the pixels of rays with their derivatives.
-
-        Parameters
-        ----------
-        values : (k,) array
-            The parameters.
-        rays : (n, 3) array
-            In the lens's camera frame, of any length.
-        """
+        """Return the pixels of rays, (n, 3) of any length in the lens's frame, with their derivatives."""
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             plane = self.image(rays @ OPTICAL_FROM_CAMERA.T, values[4:])
         focal = values[:2]

@@ -89,12 +89,9 @@ def _adjusted(views: Sequence[BoardView], poses: Sequence[RigidTransform | None]
     problem = LensProblem(own, (_FISHEYE,))
     rig = Rig((values,), _IDENTITY, RigidTransform.concatenate([pose for _, pose in seen]), _IDENTITY)
     for free in ("fx fy", "fx fy cx cy k1", "fx fy cx cy k1 k2 k3 k4"):
-        rig = adjust(problem, rig, _among(free.split()), robust=_spread(problem, rig))
+        chosen = np.array([name in free.split() for name in _FISHEYE.parameters])
+        rig = adjust(problem, rig, chosen, robust=_spread(problem, rig))
     return rig.values[0]
-
-
-def _among(names: Sequence[str]) -> BoolArray:
-    return np.array([name in names for name in _FISHEYE.parameters])
 
 
 def _spread(problem: LensProblem, rig: Rig) -> float:

@@ -94,13 +94,6 @@ def lost_by_motion(problem: MotionProblem, state: MotionState) -> FloatArray:
 
     A turn and shift of the camera is not seen if it is the same before and after each motion of the forklift, for
     then the targets may have moved instead: ``(Ad(V) - 1) xi = 0``. Targets of known height may not.
-
-    Parameters
-    ----------
-    problem : MotionProblem
-        With the heights.
-    state : MotionState
-        With the way.
     """
     x, y, yaw = (state.poses - state.poses[0]).T
     first = state.poses[0, 2]

@@ -9,30 +9,17 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from calibration import result_page as page
 from calibration.degeneracy import LIMITS, NAMES, in_words
 from calibration.drive import compose
 from calibration.motion.assessment import MotionResult
 from calibration.motion.fit import MotionFit
 from calibration.report_figure import HEAD, titled_figure, wide_axes
-from calibration.result_page import (
-    Drawing,
-    Findings,
-    Heading,
-    JsonValues,
-    Output,
-    ResultPage,
-    Section,
-    Table,
-    numbers,
-    words,
-)
 from calibration.rig_file import rig_text
-from palletloc.drawing.canvas import FAINT, GRID, INK, SERIES, add_legend
+from palletloc.drawing.canvas import DEGREE, FAINT, GRID, INK, SERIES, add_legend
 from palletloc.geometry import FloatArray
 from palletloc.io.camera_spec import spec_from_camera
 
-_DEGREE = "\N{DEGREE SIGN}"
-"""Sign of the texts."""
 _VERDICTS = {
     0: "The drive confirms the mounting.",
     1: "The drive contradicts the mounting, or tells too little.",
@@ -43,58 +30,52 @@ _SIGMAS = 3.0
 """Lines in the figure of the odometry's steps, in standard deviations."""
 
 
-def motion_page(result: MotionResult) -> ResultPage:
-    """Return what a drive tells as all outputs show it.
-
-    Parameters
-    ----------
-    result : MotionResult
-        From `calibrate_motion`.
-    """
+def motion_page(result: MotionResult) -> page.ResultPage:
+    """Return what a drive tells, from `calibrate_motion`, as all outputs show it."""
     content = None if result.mounting is None else rig_text(spec_from_camera(result.camera), result.mounting)
     heading = "What the drive tells about the mounting"
-    return ResultPage(
+    return page.ResultPage(
         "palletloc calibrate extrinsics --motion", heading, _VERDICTS, tuple(_sections(result)), content
     )
 
 
-def _sections(result: MotionResult) -> Iterator[Section]:
-    yield Findings(result.findings, "Nothing is left to do.")
+def _sections(result: MotionResult) -> Iterator[page.Section]:
+    yield page.Findings(result.findings, "Nothing is left to do.")
     fit, away = result.assessment.fit, result.assessment.away
     if fit is None or away is None:
         return
     yield from _directions(fit)
     yield from _mounting(fit, away)
-    yield Heading("Directions")
-    yield Table((*words("", "direction"), *numbers("sigma")), _direction_rows(fit))
-    yield Drawing(partial(_figure, fit), "The way, and what is left after the fit.")
+    yield page.Heading("Directions")
+    yield page.Table((*page.words("", "direction"), *page.numbers("sigma")), _direction_rows(fit))
+    yield page.Drawing(partial(_figure, fit), "The way, and what is left after the fit.")
     yield from _odometry(fit)
 
 
-def _directions(fit: MotionFit) -> Iterator[Section]:
+def _directions(fit: MotionFit) -> Iterator[page.Section]:
     known, lost = fit.split()
     for name, part in (("lost_directions", lost), ("known_directions", known)):
-        yield JsonValues({name: [in_words(direction) for direction in part.T]})
+        yield page.JsonValues({name: [in_words(direction) for direction in part.T]})
 
 
-def _mounting(fit: MotionFit, away: FloatArray) -> Iterator[Section]:
+def _mounting(fit: MotionFit, away: FloatArray) -> Iterator[page.Section]:
     told = fit.sigma <= LIMITS
-    yield JsonValues({"order": list(NAMES)})
+    yield page.JsonValues({"order": list(NAMES)})
     for key, values in (("found_minus_stated", away), ("sigma", fit.sigma)):
-        yield JsonValues({key: [float(v) if known else None for v, known in zip(values, told, strict=True)]})
+        yield page.JsonValues({key: [float(v) if known else None for v, known in zip(values, told, strict=True)]})
     rows = []
     for i, name in enumerate(NAMES):
-        factor, unit = (1000.0, " mm") if i < 3 else (float(np.degrees(1.0)), _DEGREE)
+        factor, unit = (1000.0, " mm") if i < 3 else (float(np.degrees(1.0)), DEGREE)
         found = (f"{factor * away[i]:+.2f}{unit}", f"{factor * fit.sigma[i]:.2f}{unit}")
         rows.append((name, *(found if told[i] else ("not told", ""))))
-    yield Heading("Mounting")
+    yield page.Heading("Mounting")
     yield from _table(("", "found minus stated", "sigma"), rows)
 
 
-def _table(terminal: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> Iterator[Section]:
+def _table(terminal: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> Iterator[page.Section]:
     """Yield a table for the page, and the same for the terminal, where its first column stands at the right."""
-    yield Table((*words(""), *numbers(*terminal[1:])), tuple(rows))
-    yield Table(numbers(*terminal), tuple(rows), Output.TERMINAL)
+    yield page.Table((*page.words(""), *page.numbers(*terminal[1:])), tuple(rows))
+    yield page.Table(page.numbers(*terminal), tuple(rows), page.Output.TERMINAL)
 
 
 def _direction_rows(fit: MotionFit) -> tuple[tuple[str, ...], ...]:
@@ -106,20 +87,20 @@ def _direction_rows(fit: MotionFit) -> tuple[tuple[str, ...], ...]:
             moved = part[:, i] * LIMITS
             sigma = float(np.sqrt(part[:, i] @ covariance @ part[:, i]))
             place, turn = 1000 * sigma * np.linalg.norm(moved[:3]), np.degrees(sigma * np.linalg.norm(moved[3:]))
-            text = f"{place:.1f} mm with {turn:.2f}{_DEGREE}" if name == "told" else "not told"
+            text = f"{place:.1f} mm with {turn:.2f}{DEGREE}" if name == "told" else "not told"
             rows.append((name, in_words(part[:, i]), text))
     return tuple(rows)
 
 
-def _odometry(fit: MotionFit) -> Iterator[Section]:
+def _odometry(fit: MotionFit) -> Iterator[page.Section]:
     state = fit.state
     values, sigmas = (state.scale, state.bias, state.delay), [float(sigma) for sigma in fit.fault_sigma]
     names = ("wheel_scale", "yaw_rate_bias_radps", "time_offset_s")
     pairs = zip(names, values, sigmas, strict=True)
-    yield JsonValues({"odometry": {name: {"value": value, "sigma": sigma} for name, value, sigma in pairs}})
+    yield page.JsonValues({"odometry": {name: {"value": value, "sigma": sigma} for name, value, sigma in pairs}})
     problem = fit.problem
-    yield JsonValues({"sight_factor": problem.bearing_scale, "odometry_factor": problem.drive_scale})
-    yield Heading("Odometry")
+    yield page.JsonValues({"sight_factor": problem.bearing_scale, "odometry_factor": problem.drive_scale})
+    yield page.Heading("Odometry")
     scale, bias, delay = sigmas
     rows = [
         ("wheel scale", f"{state.scale:.4f}", f"{scale:.4f}"),

@@ -38,19 +38,9 @@ _MOST_PAIRS = 400
 
 
 def start_motion(problem: MotionProblem) -> tuple[MotionProblem, MotionState] | None:
-    """Return a start, or None where a target has no pose in any image.
+    """Return a problem with the lag at which the turns of camera and odometry agree, and a start for it.
 
-    Parameters
-    ----------
-    problem : MotionProblem
-        The observations.
-
-    Returns
-    -------
-    problem : MotionProblem
-        With the lag at which the turns of camera and odometry agree.
-    state : MotionState
-        The start.
+    None where a target has no pose in any image.
     """
     seen = [_own_pose(problem, index) for index in range(len(problem.observations))]
     found = {corners.target for corners, pose in zip(problem.observations, seen, strict=True) if pose is not None}
@@ -60,11 +50,7 @@ def start_motion(problem: MotionProblem) -> tuple[MotionProblem, MotionState] | 
     way = problem.way()
     camera = _camera(problem, seen, way)
     starts = [_state(problem, seen, way, pose) for pose in (camera, problem.stated)]
-    return problem, min(starts, key=lambda state: _cost(problem, state))
-
-
-def _cost(problem: MotionProblem, state: MotionState) -> float:
-    return float(np.log1p(problem.residuals(state) ** 2).sum())
+    return problem, min(starts, key=lambda state: float(np.log1p(problem.residuals(state) ** 2).sum()))
 
 
 def _own_pose(problem: MotionProblem, index: int) -> RigidTransform | None:

@@ -40,15 +40,7 @@ _MIRROR_SCALE = 0.2
 
 
 def layout_fault(surveys: Sequence[SurveyedTarget], observations: Sequence[CornerObservation]) -> Finding | None:
-    """Return why the layout is degenerate, or None.
-
-    Parameters
-    ----------
-    surveys : sequence of SurveyedTarget
-        Of the targets that are seen.
-    observations : sequence of CornerObservation
-        How they are seen.
-    """
+    """Return why the layout of the targets that are seen is degenerate, or None."""
     if not surveys:
         how = "check the shots, the dictionary and the ids; a marker needs a side of about 20 px in the shot"
         return Finding(Severity.DEGENERATE, "no_target_seen", "no target is seen in any shot", how)
@@ -85,13 +77,7 @@ def _cone_angle(bearings: FloatArray) -> float:
 
 
 def size_faults(surveys: Sequence[SurveyedTarget]) -> list[Finding]:
-    """Return for which targets the surveyed corners do not have the size of the pattern.
-
-    Parameters
-    ----------
-    surveys : sequence of SurveyedTarget
-        Of all targets.
-    """
+    """Return for which of all targets the surveyed corners do not have the size of the pattern."""
     ratios = {survey.name: _ratio(survey) for survey in surveys}
     for factor, unit in _UNITS.items():
         names = [name for name, ratio in ratios.items() if abs(ratio / factor - 1) < _UNIT_TOLERANCE]
@@ -132,13 +118,7 @@ def _size_fault(survey: SurveyedTarget) -> Finding | None:
 
 
 def axis_fault(problem: MountingProblem) -> Finding | None:
-    """Return whether the survey fits the targets in the image only when it is mirrored.
-
-    Parameters
-    ----------
-    problem : MountingProblem
-        With at least two targets.
-    """
+    """Return whether the survey of two targets or more fits them in the image only when it is mirrored."""
     own = own_poses(problem.observations, len(problem.surveys))
     pairs = [(survey, pose) for survey, pose in zip(problem.surveys, own, strict=True) if pose is not None]
     if len(pairs) < 2:

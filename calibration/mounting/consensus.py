@@ -80,17 +80,8 @@ def read_as(survey: SurveyedTarget, reading: Reading) -> SurveyedTarget:
 def agree(problem: MountingProblem) -> SurveyConsensus | None:
     """Find where the camera is by a vote of the targets, then by a robust fit to what they say.
 
-    Each target alone proposes a pose, and so do the linear equations for all of them together.
-
-    Parameters
-    ----------
-    problem : MountingProblem
-        All observations.
-
-    Returns
-    -------
-    SurveyConsensus, optional
-        None where nothing proposes a pose.
+    Each target alone proposes a pose, and so do the linear equations for all of them together; None where nothing
+    proposes one.
     """
     proposals = _proposals(problem)
     if not proposals:

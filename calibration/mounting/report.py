@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from calibration import result_page as page
 from calibration.degeneracy import NAMES, weakest
 from calibration.findings import Severity
 from calibration.mounting.assessment import MountingAssessment, MountingResult
@@ -22,28 +23,12 @@ from calibration.mounting.residuals import (
     polar_figure,
     sphere_figure,
 )
-from calibration.report_figure import titled_figure, wide_axes
-from calibration.result_page import (
-    Drawing,
-    Findings,
-    Heading,
-    JsonValues,
-    KeyFigures,
-    Output,
-    Paragraph,
-    ResultPage,
-    Section,
-    Table,
-    numbers,
-    words,
-)
+from calibration.report_figure import draw_correlations, titled_figure, wide_axes
 from calibration.rig_file import rig_text
 from calibration.targets.observations import TargetObservation
-from palletloc.drawing.canvas import INK, SERIES, add_legend
+from palletloc.drawing.canvas import DEGREE, INK, PLUS_MINUS, SERIES, add_legend
 from palletloc.io.camera_spec import angles_from_transform
 
-_DEGREE, _PM = "\N{DEGREE SIGN}", "\N{PLUS-MINUS SIGN}"
-"""Signs of the texts."""
 _VERDICTS = {0: "The calibration holds.", 1: "The calibration fails.", 3: "The data cannot give a calibration."}
 """By exit code."""
 _NOTHING = (
@@ -53,20 +38,14 @@ _NOTHING = (
 """What the page says of a calibration without findings."""
 
 
-def mounting_page(result: MountingResult) -> ResultPage:
-    """Return a mounting as all outputs show it.
-
-    Parameters
-    ----------
-    result : MountingResult
-        From `calibrate_mounting`.
-    """
+def mounting_page(result: MountingResult) -> page.ResultPage:
+    """Return a mounting, from `calibrate_mounting`, as all outputs show it."""
     content = None if result.mounting is None else rig_text(result.camera, result.mounting)
     heading = "Where the camera is on the forklift"
-    return ResultPage("palletloc calibrate extrinsics", heading, _VERDICTS, tuple(_sections(result)), content)
+    return page.ResultPage("palletloc calibrate extrinsics", heading, _VERDICTS, tuple(_sections(result)), content)
 
 
-def _sections(result: MountingResult) -> Iterator[Section]:
+def _sections(result: MountingResult) -> Iterator[page.Section]:
     assessment, solution = result.assessment, result.assessment.solution
     residuals = () if solution is None else corner_residuals(solution, result.observations, result.names)
     if solution is not None:
@@ -74,7 +53,7 @@ def _sections(result: MountingResult) -> Iterator[Section]:
     # Where no target is seen, one finding says so.
     unseen = result.unseen if result.names else ()
     remarks = tuple(f"{Severity.WARNING}: not_seen: target {name} is in no shot" for name in unseen)
-    yield Findings(assessment.findings, _NOTHING, remarks)
+    yield page.Findings(assessment.findings, _NOTHING, remarks)
     yield from _targets(result, residuals)
     if result.frame is not None:
         yield from _frame(result.frame, solution)
@@ -83,42 +62,44 @@ def _sections(result: MountingResult) -> Iterator[Section]:
     yield from _pose(solution, assessment.left_out)
     yield from _uncertainty(assessment, solution)
     yield from _left_out(assessment.left_out)
-    yield JsonValues({"residuals": [_residual_values(part) for part in residuals]})
+    yield page.JsonValues({"residuals": [_residual_values(part) for part in residuals]})
 
 
-def _pose_figures(solution: MountingFit) -> Iterator[Section]:
+def _pose_figures(solution: MountingFit) -> Iterator[page.Section]:
     translation, angles = angles_from_transform(solution.poses.camera)
     sigma = np.concatenate([1000 * solution.sigma[:3], np.degrees(solution.sigma[3:])])
     places = zip(NAMES[:3], translation, sigma[:3], strict=True)
     turns = zip(NAMES[3:], angles, sigma[3:], strict=True)
-    yield KeyFigures(
+    yield page.KeyFigures(
         (
-            *((f"{1000 * value:.1f} mm", f"{name} {_PM} {s:.2f} mm") for name, value, s in places),
-            *((f"{value:.3f}{_DEGREE}", f"{name} {_PM} {s:.3f}{_DEGREE}") for name, value, s in turns),
+            *((f"{1000 * value:.1f} mm", f"{name} {PLUS_MINUS} {s:.2f} mm") for name, value, s in places),
+            *((f"{value:.3f}{DEGREE}", f"{name} {PLUS_MINUS} {s:.3f}{DEGREE}") for name, value, s in turns),
         )
     )
-    yield Paragraph(
-        f"After {_PM} stands one standard deviation, along and about the forklift's axes, from the scatter of the"
-        " corners and the stated accuracy of the survey."
+    yield page.Paragraph(
+        f"After {PLUS_MINUS} stands one standard deviation, along and about the forklift's axes, from the scatter of"
+        " the corners and the stated accuracy of the survey."
     )
 
 
-def _targets(result: MountingResult, residuals: Sequence[CornerResiduals]) -> Iterator[Section]:
-    yield JsonValues({"targets": [_target_values(seen) for seen in result.observations]})
-    yield JsonValues({"not_seen": list(result.unseen)})
-    yield Heading("Targets")
-    names = ("markers", "corners", "left out", f"rms {_DEGREE}", "rms px", "mm at 2 m", "max px")
+def _targets(result: MountingResult, residuals: Sequence[CornerResiduals]) -> Iterator[page.Section]:
+    yield page.JsonValues({"targets": [_target_values(seen) for seen in result.observations]})
+    yield page.JsonValues({"not_seen": list(result.unseen)})
+    yield page.Heading("Targets")
+    names = ("markers", "corners", "left out", f"rms {DEGREE}", "rms px", "mm at 2 m", "max px")
     found = {(part.target, part.shot): part for part in residuals}
     parts = [(seen, found.get((seen.target, seen.shot))) for seen in result.observations]
-    yield Table((*words("target", "shot"), *numbers(*names)), tuple(_page_row(*pair) for pair in parts))
+    yield page.Table(
+        (*page.words("target", "shot"), *page.numbers(*names)), tuple(_page_row(*pair) for pair in parts)
+    )
     if parts:
-        columns = (*words("target"), *numbers("markers", "corners", "rms px", f"rms {_DEGREE}"))
-        yield Table(columns, tuple(_terminal_row(*pair) for pair in parts), Output.TERMINAL)
+        columns = (*page.words("target"), *page.numbers("markers", "corners", "rms px", f"rms {DEGREE}"))
+        yield page.Table(columns, tuple(_terminal_row(*pair) for pair in parts), page.Output.TERMINAL)
     if result.unseen:
-        yield Paragraph(f"Not seen in any shot: {', '.join(result.unseen)}.")
+        yield page.Paragraph(f"Not seen in any shot: {', '.join(result.unseen)}.")
     if residuals:
-        yield Drawing(partial(sphere_figure, residuals), "Where the targets are seen, and how they are off.")
-        yield Drawing(partial(polar_figure, residuals), "The same over the angle off the optical axis.")
+        yield page.Drawing(partial(sphere_figure, residuals), "Where the targets are seen, and how they are off.")
+        yield page.Drawing(partial(polar_figure, residuals), "The same over the angle off the optical axis.")
 
 
 def _target_values(seen: TargetObservation) -> dict[str, Any]:
@@ -162,25 +143,25 @@ def _residual_values(part: CornerResiduals) -> dict[str, Any]:
     }
 
 
-def _frame(frame: ForkliftFrame, solution: MountingFit | None) -> Iterator[Section]:
+def _frame(frame: ForkliftFrame, solution: MountingFit | None) -> Iterator[page.Section]:
     residuals = dict(frame.residuals or {})
-    yield JsonValues({"forklift_frame": {"method": frame.method, "residual_m": residuals}})
+    yield page.JsonValues({"forklift_frame": {"method": frame.method, "residual_m": residuals}})
     if not residuals:
         return
-    yield Heading("The forklift in the survey")
+    yield page.Heading("The forklift in the survey")
     rows = tuple((name, f"{1000 * off:.2f}") for name, off in residuals.items())
-    yield Table((*words("point"), *numbers("off mm")), rows)
+    yield page.Table((*page.words("point"), *page.numbers("off mm")), rows)
     if solution is not None:
         sigma = np.sqrt(np.diag(solution.frame_covariance))
-        yield Paragraph(
+        yield page.Paragraph(
             f"Found by {frame.method}. Its errors are in the result's: {1000 * sigma[:3].max():.2f} mm and"
-            f" {np.degrees(sigma[3:].max()):.4f}{_DEGREE} at the camera."
+            f" {np.degrees(sigma[3:].max()):.4f}{DEGREE} at the camera."
         )
 
 
-def _pose(solution: MountingFit, left_out: Sequence[LeftOut]) -> Iterator[Section]:
+def _pose(solution: MountingFit, left_out: Sequence[LeftOut]) -> Iterator[page.Section]:
     translation, angles = angles_from_transform(solution.poses.camera)
-    yield JsonValues(
+    yield page.JsonValues(
         {
             "forklift_from_camera": {
                 "translation_m": list(translation),
@@ -194,61 +175,61 @@ def _pose(solution: MountingFit, left_out: Sequence[LeftOut]) -> Iterator[Sectio
         }
     )
     most = np.abs([left.shift_in_sigma for left in left_out]).max(0) if left_out else np.zeros(6)
-    values = (*(f"{place:.4f} m" for place in translation), *(f"{angle:.3f} {_DEGREE}" for angle in angles))
+    values = (*(f"{place:.4f} m" for place in translation), *(f"{angle:.3f} {DEGREE}" for angle in angles))
     sigmas = (
         *(f"{1000 * sigma:.2f} mm" for sigma in solution.sigma[:3]),
-        *(f"{np.degrees(sigma):.4f} {_DEGREE}" for sigma in solution.sigma[3:]),
+        *(f"{np.degrees(sigma):.4f} {DEGREE}" for sigma in solution.sigma[3:]),
     )
     rows = tuple(zip(NAMES, values, sigmas, (f"{shift:.1f} sigma" for shift in most), strict=True))
-    yield Table(numbers("", "forklift_from_camera", "sigma", "most without one target"), rows, Output.TERMINAL)
+    yield page.Table(
+        page.numbers("", "forklift_from_camera", "sigma", "most without one target"), rows, page.Output.TERMINAL
+    )
 
 
-def _uncertainty(assessment: MountingAssessment, solution: MountingFit) -> Iterator[Section]:
+def _uncertainty(assessment: MountingAssessment, solution: MountingFit) -> Iterator[page.Section]:
     of_limit, direction = weakest(solution.covariance)
     value, sigma = assessment.scale
-    yield JsonValues(
+    yield page.JsonValues(
         {
             "weakest_direction": {"words": direction, "of_limit": of_limit},
             "sight_factor": solution.bearing_factor,
             "survey_factor": solution.survey_factor,
-            "survey_scale_error": {"value": value, "sigma": _finite(sigma)},
+            "survey_scale_error": {"value": value, "sigma": page.finite(sigma)},
         }
     )
-    yield Heading("How sure it is")
-    yield Paragraph(
+    yield page.Heading("How sure it is")
+    yield page.Paragraph(
         f"The weakest direction is {direction}. Corners scatter {solution.bearing_factor:.2f} times as much as the"
         f" image noise says, the survey {solution.survey_factor:.2f} times as much as sigma_m says."
     )
-    yield Paragraph(f"Scale of the survey against the printed size: {100 * value:+.3f} {_PM} {100 * sigma:.3f} %.")
+    yield page.Paragraph(
+        f"Scale of the survey against the printed size: {100 * value:+.3f} {PLUS_MINUS} {100 * sigma:.3f} %."
+    )
     if assessment.centres is not None:
         centres = assessment.centres
-        yield JsonValues({"lens_distance_m": {"value": centres.distance, "sigma": _finite(centres.sigma)}})
-        size = f"{1000 * centres.distance:.2f} {_PM} {1000 * centres.sigma:.2f} mm"
-        yield Paragraph(
+        yield page.JsonValues({"lens_distance_m": {"value": centres.distance, "sigma": page.finite(centres.sigma)}})
+        size = f"{1000 * centres.distance:.2f} {PLUS_MINUS} {1000 * centres.sigma:.2f} mm"
+        yield page.Paragraph(
             "Distance of two lens centres along the camera's x axis, if there were two:"
             f" {size if np.isfinite(centres.sigma) else 'not told'}."
             f" {100 * centres.front_share:.0f} % of the corners are before the camera."
         )
-    yield Drawing(partial(_correlation_figure, solution), "Correlations.")
+    yield page.Drawing(partial(_correlation_figure, solution), "Correlations.")
 
 
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None
-
-
-def _left_out(left_out: Sequence[LeftOut]) -> Iterator[Section]:
-    yield JsonValues({"left_out": [_left_out_values(left) for left in left_out]})
+def _left_out(left_out: Sequence[LeftOut]) -> Iterator[page.Section]:
+    yield page.JsonValues({"left_out": [_left_out_values(left) for left in left_out]})
     if not left_out:
         return
-    yield Heading("Each target left out")
-    yield Paragraph(
+    yield page.Heading("Each target left out")
+    yield page.Paragraph(
         "The fit without a target says where it should be. Distance is between its surveyed corners and that place;"
         " chance is how probable such a distance or a larger one is if all sigmas are right."
     )
-    shifts = (f"{name} {'mm' if i < 3 else _DEGREE}" for i, name in enumerate(NAMES))
-    columns = (*words("target"), *numbers("distance mm", "chance", *shifts, "most sigmas"))
-    yield Table(columns, tuple(_left_out_row(left) for left in left_out))
-    yield Drawing(partial(_left_out_figure, left_out), "Shifts of the pose without each target.")
+    shifts = (f"{name} {'mm' if i < 3 else DEGREE}" for i, name in enumerate(NAMES))
+    columns = (*page.words("target"), *page.numbers("distance mm", "chance", *shifts, "most sigmas"))
+    yield page.Table(columns, tuple(_left_out_row(left) for left in left_out))
+    yield page.Drawing(partial(_left_out_figure, left_out), "Shifts of the pose without each target.")
 
 
 def _left_out_values(left: LeftOut) -> dict[str, Any]:
@@ -271,13 +252,7 @@ def _correlation_figure(solution: MountingFit) -> Figure:
     """Draw the correlations of the six numbers."""
     line = "Near 1 or -1 two of them cannot be told apart with these targets"
     figure = titled_figure(470, "Correlations of the six numbers", line)
-    axes = wide_axes(figure, 350)
-    axes.imshow(solution.correlation, cmap="RdBu_r", vmin=-1, vmax=1, aspect="auto")
-    axes.set_xticks(range(6), NAMES)
-    axes.set_yticks(range(6), NAMES)
-    for (row, column), value in np.ndenumerate(solution.correlation):
-        color = "white" if abs(value) > 0.6 else INK
-        axes.text(column, row, f"{round(value, 2) + 0.0:.2f}", ha="center", va="center", size=9.5, color=color)
+    draw_correlations(wide_axes(figure, 350), solution.correlation, NAMES, 9.5)
     return figure
 
 

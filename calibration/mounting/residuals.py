@@ -65,14 +65,7 @@ def corner_residuals(
 ) -> tuple[CornerResiduals, ...]:
     """Return the residuals of all corners, those that the fit refused included.
 
-    Parameters
-    ----------
-    solution : MountingFit
-        The fit.
-    observations : sequence of TargetObservation
-        Those that it rests on, in the same order.
-    names : sequence of str
-        Of the targets, in the fit's order.
+    The observations are those that it rests on, in the same order; the names are the targets', in its order.
     """
     residuals = []
     for observation, used in zip(observations, solution.kept, strict=True):

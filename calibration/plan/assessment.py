@@ -110,13 +110,7 @@ def plan_targets(layout: Path) -> Plan:
 
 
 def assess_plan(layout: Layout) -> Plan:
-    """Predict what a layout will give, and say what to change.
-
-    Parameters
-    ----------
-    layout : Layout
-        What is planned.
-    """
+    """Predict what a layout will give, and say what to change."""
     faults = size_faults([planned.survey for planned in layout.targets])
     if any(finding.code == "units" for finding in faults):
         empty = LayoutPrediction(layout, ())

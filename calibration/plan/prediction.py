@@ -140,18 +140,7 @@ def _total(targets: Iterable[PredictedTarget]) -> FloatArray:
 
 
 def predict(layout: Layout) -> LayoutPrediction:
-    """Predict what the calibration will state.
-
-    Parameters
-    ----------
-    layout : Layout
-        What is planned.
-
-    Returns
-    -------
-    LayoutPrediction
-        Without scale factors: bearings and survey as good as planned.
-    """
+    """Predict what the calibration will state, without scale factors: bearings and survey as good as planned."""
     return LayoutPrediction(layout, tuple(_predicted(layout, target) for target in layout.targets))
 
 

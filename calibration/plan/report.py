@@ -10,29 +10,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from calibration import result_page as page
 from calibration.degeneracy import NAMES, weakest
 from calibration.plan.assessment import Plan
 from calibration.plan.prediction import LayoutPrediction, PredictedTarget, worst
 from calibration.report_figure import HEAD, LEFT, RIGHT, titled_figure
-from calibration.result_page import (
-    Drawing,
-    Findings,
-    Heading,
-    JsonValues,
-    KeyFigures,
-    Output,
-    Paragraph,
-    ResultPage,
-    Section,
-    Table,
-    numbers,
-    words,
-)
-from palletloc.drawing.canvas import FAINT, GRID, INK, SERIES, WIDTH_PX, add_axes
+from palletloc.drawing.canvas import DEGREE, FAINT, GRID, INK, SERIES, WIDTH_PX, add_axes
 from palletloc.geometry import FloatArray
 
-_DEGREE = "\N{DEGREE SIGN}"
-"""Sign of the texts."""
 _VERDICTS = {
     0: "A calibration with this layout would pass.",
     1: "A calibration with this layout would fail.",
@@ -44,54 +29,50 @@ _OPEN_PLACE, _OPEN_TURN = 10.0, np.pi
 _MOST_WORST = 100.0
 """The same, in units of what passes."""
 _COLUMNS = (
-    *words("target"),
-    *numbers("distance m", f"azimuth {_DEGREE}", f"oblique {_DEGREE}", "marker px", "corners"),
+    *page.words("target"),
+    *page.numbers("distance m", f"azimuth {DEGREE}", f"oblique {DEGREE}", "marker px", "corners"),
 )
 """How a target will be seen."""
 
 
-def plan_page(plan: Plan) -> ResultPage:
-    """Return a plan as all outputs show it.
-
-    Parameters
-    ----------
-    plan : Plan
-        From `plan_targets`.
-    """
-    return ResultPage("palletloc calibrate plan", "What this layout would give", _VERDICTS, tuple(_sections(plan)))
+def plan_page(plan: Plan) -> page.ResultPage:
+    """Return a plan, from `plan_targets`, as all outputs show it."""
+    return page.ResultPage(
+        "palletloc calibrate plan", "What this layout would give", _VERDICTS, tuple(_sections(plan))
+    )
 
 
-def _sections(plan: Plan) -> Iterator[Section]:
+def _sections(plan: Plan) -> Iterator[page.Section]:
     prediction = plan.prediction
     found = any(target.found for target in prediction.targets)
     if found:
-        yield KeyFigures(tuple(zip(_sigma_texts(prediction.sigma), NAMES, strict=True)))
-        yield Paragraph(
+        yield page.KeyFigures(tuple(zip(_sigma_texts(prediction.sigma), NAMES, strict=True)))
+        yield page.Paragraph(
             "Predicted standard deviations along and about the forklift's axes, if corners and survey are as good as"
             " planned. Bent boards and errors of the camera model come on top."
         )
-    yield Findings(plan.findings, "Nothing has to change.")
+    yield page.Findings(plan.findings, "Nothing has to change.")
     yield from _targets(plan)
     if found:
         yield from _sigmas(plan)
         yield from _uncertainty(plan)
 
 
-def _targets(plan: Plan) -> Iterator[Section]:
+def _targets(plan: Plan) -> Iterator[page.Section]:
     prediction = plan.prediction
     without = [prediction.without(i) for i in range(len(prediction.targets))]
     pairs = list(zip(prediction.targets, without, strict=True))
-    yield JsonValues({"targets": [_target_values(target, rest) for target, rest in pairs]})
+    yield page.JsonValues({"targets": [_target_values(target, rest) for target, rest in pairs]})
     if not pairs:
         return
-    yield Heading("Targets")
+    yield page.Heading("Targets")
     rows = tuple(_target_row(target) for target in prediction.targets)
     rest = (f"{size:.2f}" if (size := worst(sigma)) < _MOST_WORST else "open" for sigma in without)
     longer = tuple((*row, cell) for row, cell in zip(rows, rest, strict=True))
-    yield Table((*_COLUMNS, *numbers("worst sigma without it")), longer)
-    yield Table(_COLUMNS, rows, Output.TERMINAL)
-    yield Paragraph("The worst sigma is in units of what passes: 5 mm or 0.1 degrees. One is the limit.")
-    yield Drawing(partial(_figure, prediction), "Targets around the forklift, and in the camera's image.")
+    yield page.Table((*_COLUMNS, *page.numbers("worst sigma without it")), longer)
+    yield page.Table(_COLUMNS, rows, page.Output.TERMINAL)
+    yield page.Paragraph("The worst sigma is in units of what passes: 5 mm or 0.1 degrees. One is the limit.")
+    yield page.Drawing(partial(_figure, prediction), "Targets around the forklift, and in the camera's image.")
 
 
 def _target_values(target: PredictedTarget, without: FloatArray) -> dict[str, Any]:
@@ -133,26 +114,26 @@ def _sigma_values(sigma: FloatArray) -> dict[str, list[float | None]]:
 def _sigma_texts(sigma: FloatArray) -> list[str]:
     """Return six standard deviations as texts; ``open`` where nothing tells."""
     places = [f"{1000 * place:.2f} mm" if place < _OPEN_PLACE else "open" for place in sigma[:3]]
-    return places + [f"{np.degrees(turn):.4f}{_DEGREE}" if turn < _OPEN_TURN else "open" for turn in sigma[3:]]
+    return places + [f"{np.degrees(turn):.4f}{DEGREE}" if turn < _OPEN_TURN else "open" for turn in sigma[3:]]
 
 
-def _sigmas(plan: Plan) -> Iterator[Section]:
+def _sigmas(plan: Plan) -> Iterator[page.Section]:
     """Yield what the terminal says of the six numbers."""
     columns, texts = ["", "predicted sigma"], [_sigma_texts(plan.prediction.sigma)]
     if plan.suggestion is not None:
         columns.append("with one more target")
         texts.append(_sigma_texts(plan.suggestion.sigma))
-    yield Table(numbers(*columns), tuple(zip(NAMES, *texts, strict=True)), Output.TERMINAL)
+    yield page.Table(page.numbers(*columns), tuple(zip(NAMES, *texts, strict=True)), page.Output.TERMINAL)
     if plan.suggestion is not None:
-        yield Paragraph(f"one more target: {plan.suggestion.words}", Output.TERMINAL)
+        yield page.Paragraph(f"one more target: {plan.suggestion.words}", page.Output.TERMINAL)
 
 
-def _uncertainty(plan: Plan) -> Iterator[Section]:
+def _uncertainty(plan: Plan) -> Iterator[page.Section]:
     prediction = plan.prediction
     covariance, sigma, lost = prediction.covariance, prediction.sigma, prediction.lost()
     correlation, weakest_direction = covariance / np.outer(sigma, sigma), weakest(covariance)[1]
     (lens_sigma, share) = _known(np.array([prediction.lens_sigma, plan.survey_share]))
-    yield JsonValues(
+    yield page.JsonValues(
         {
             "predicted": {"order": list(NAMES), **_sigma_values(sigma), "correlation": correlation.tolist()},
             "lost_directions": lost,
@@ -161,24 +142,24 @@ def _uncertainty(plan: Plan) -> Iterator[Section]:
             "survey_share": share,
         }
     )
-    yield Heading("How sure it would be")
+    yield page.Heading("How sure it would be")
     if lost:
-        yield Paragraph(f"Left open: {'; '.join(lost)}.")
+        yield page.Paragraph(f"Left open: {'; '.join(lost)}.")
     else:
         known = np.isfinite(plan.survey_share)
         words_ = f" {100 * plan.survey_share:.0f} % of the worst variance comes from the survey." if known else ""
-        yield Paragraph(f"The weakest direction is {weakest_direction}.{words_}")
+        yield page.Paragraph(f"The weakest direction is {weakest_direction}.{words_}")
     rows = (
         (name, *(f"{round(float(value), 2) + 0.0:.2f}" for value in row))
         for name, row in zip(NAMES, correlation, strict=True)
     )
-    yield Table((*words("correlation"), *numbers(*NAMES)), tuple(rows))
+    yield page.Table((*page.words("correlation"), *page.numbers(*NAMES)), tuple(rows))
     if plan.suggestion is not None:
         suggestion = plan.suggestion
-        yield JsonValues({"suggestion": {"words": suggestion.words, **_sigma_values(suggestion.sigma)}})
+        yield page.JsonValues({"suggestion": {"words": suggestion.words, **_sigma_values(suggestion.sigma)}})
         pairs = zip(NAMES, _sigma_texts(suggestion.sigma), strict=True)
         told = ", ".join(f"{name} {text}" for name, text in pairs)
-        yield Paragraph(f"What would help most: {suggestion.words}. Then: {told}.")
+        yield page.Paragraph(f"What would help most: {suggestion.words}. Then: {told}.")
 
 
 def _figure(prediction: LayoutPrediction) -> Figure:
@@ -200,7 +181,7 @@ def _figure(prediction: LayoutPrediction) -> Figure:
     above.set_aspect("equal", adjustable="datalim")
     above.set(xlabel="to the left (m)", ylabel="forward (m)")
     above.invert_xaxis()
-    around.set(xlim=(180, -180), ylim=(-90, 90), xlabel=f"longitude ({_DEGREE})", ylabel=f"latitude ({_DEGREE})")
+    around.set(xlim=(180, -180), ylim=(-90, 90), xlabel=f"longitude ({DEGREE})", ylabel=f"latitude ({DEGREE})")
     around.set_xticks(range(-180, 181, 90))
     around.set_yticks(range(-90, 91, 30))
     for axes in (above, around):

@@ -127,13 +127,7 @@ def plane_beside(recording: Recording, side: str, distance: float) -> ShelfPlane
 
 
 def assess_shelf(survey: ShelfSurvey) -> ShelfAssessment:
-    """Judge a result.
-
-    Parameters
-    ----------
-    survey : ShelfSurvey
-        The result.
-    """
+    """Judge the result of a survey."""
     if survey.fused is None:
         return ShelfAssessment(survey, (_nothing(survey),))
     findings = [*_contradictions(survey, survey.fused), *_uncertainty(survey.fused), *_restrictions(survey)]

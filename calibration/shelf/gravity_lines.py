@@ -77,13 +77,7 @@ def vertical_tilt(shots: Sequence[Segments]) -> Tilt | None:
 
 
 def upright_edges(shots: Sequence[Segments]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return azimuth, tilt, its standard deviation and the shot of each nearly upright segment, (n,) each.
-
-    Parameters
-    ----------
-    shots : sequence of Segments
-        One for each shot.
-    """
+    """Return azimuth, tilt, its sigma and the shot of each nearly upright segment, (n,) each; one entry per shot."""
     normals = np.concatenate([segments.normals for segments in shots])
     middles = np.concatenate([segments.middles for segments in shots])
     sigma = np.concatenate([segments.sigma for segments in shots])
@@ -209,17 +203,9 @@ def _along(segments: Segments, along: FloatArray) -> BoolArray:
 
 
 def level_heading(found: Sequence[tuple[LevelDirection, float]]) -> tuple[float, float] | None:
-    """Return where the edges along a shelf point in odom, if they are level, and its standard deviation.
+    """Return where the edges along a shelf point in odom, if they are level, and its standard deviation, in radians.
 
-    Parameters
-    ----------
-    found : sequence of LevelDirection and float
-        Of each shot, with the forklift's heading in odom then, in radians.
-
-    Returns
-    -------
-    tuple of float or None
-        In radians; None where there is none.
+    Each direction comes with the forklift's heading in odom, in radians; None where there is none.
     """
     if not found:
         return None

@@ -113,17 +113,7 @@ class Landmarks:
 
 
 def past_pallets(recording: Recording, prior: ShelfPlane, on_progress: Callable[[str], None]) -> Landmarks:
-    """Return the drive past the pallets: seen widely first, then once more by the poses that gives.
-
-    Parameters
-    ----------
-    recording : Recording
-        The recording.
-    prior : ShelfPlane
-        Roughly the plane, in odom.
-    on_progress : callable
-        Is told what is done next.
-    """
+    """Return the drive past pallets: seen widely first, by a rough plane in odom, then by the poses that gives."""
     shots = tuple(usable_shots(recording))
     drive = read_drive(recording.odometry, [recording.shots[i].time for i in shots])
     sights, _ = find_pallets(recording, shots, prior, on_progress)
@@ -160,13 +150,7 @@ def _foot(solution: DriveSolution, camera: FloatArray, prior: ShelfPlane) -> Foo
 
 
 def past_uprights(found: Landmarks) -> Landmarks:
-    """Return the drive past pallets and uprights; as it was where no upright edge is seen.
-
-    Parameters
-    ----------
-    found : Landmarks
-        From `past_pallets`.
-    """
+    """Return the drive past pallets, from `past_pallets`, and uprights; as it was where no upright edge is seen."""
     pallets, poses = found.pallets, found.solution.poses
     rough = found.foot.plane(pallets.turn, pallets.distance) if pallets else found.prior
     depth = _NEAR_DEPTH if pallets else _FAR_DEPTH

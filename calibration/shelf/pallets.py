@@ -117,10 +117,8 @@ def find_pallets_again(
 
     Parameters
     ----------
-    recording : Recording
-        The recording.
-    shots : sequence of int
-        Which of its shots to use.
+    recording, shots
+        As for `find_pallets`.
     poses : (n, 3) array
         ``odom_from_forklift`` at these, without the odometry's drift.
     plane : ShelfPlane

@@ -74,13 +74,7 @@ class PlaneEstimate:
         return float(np.sqrt(inverse[0, 0])), float(np.sqrt(inverse[1, 1]))
 
     def apart(self, depth: float) -> PlaneEstimate:
-        """Return what it says of another plane, parallel to it, that lies before or behind it by some metres.
-
-        Parameters
-        ----------
-        depth : float
-            Standard deviation of how far, in metres.
-        """
+        """Return what it says of a parallel plane before or behind it: `depth` metres off, as standard deviation."""
         if not self.information[1, 1] > 0:
             return self
         information = np.linalg.inv(np.linalg.inv(self.information) + np.diag([0.0, depth**2]))

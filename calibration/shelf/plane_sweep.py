@@ -86,12 +86,8 @@ def sweep_plane(
 
     Parameters
     ----------
-    recording : Recording
-        The recording.
-    shots : sequence of int
-        Which of its shots to use.
-    poses : (n, 3) array
-        ``odom_from_forklift`` at these.
+    recording, shots, poses
+        As for `beam_lines`.
     foot : Foot
         What planes are described from.
     turn, distance : float

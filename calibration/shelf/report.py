@@ -10,23 +10,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from calibration import result_page as page
 from calibration.drive import compose
 from calibration.findings import PASS
 from calibration.report_figure import HEAD, titled_figure, wide_axes
-from calibration.result_page import (
-    Drawing,
-    Findings,
-    Heading,
-    JsonValues,
-    KeyFigures,
-    Output,
-    Paragraph,
-    ResultPage,
-    Section,
-    Table,
-    numbers,
-    words,
-)
 from calibration.shelf.assessment import ShelfAssessment
 from calibration.shelf.plane import Foot, PlaneEstimate
 from calibration.shelf.plane_sweep import PlaneSweep
@@ -45,11 +32,15 @@ _FRONT = {
 """What a front is, in words."""
 _VERDICTS = {0: "The plane holds.", 1: "The plane fails.", 3: "The data cannot give the plane."}
 """By exit code."""
-_METHODS = (*words("method"), *numbers(f"facing {DEGREE}", "sigma", "distance m", "sigma mm"), *words("from"))
+_METHODS = (
+    *page.words("method"),
+    *page.numbers(f"facing {DEGREE}", "sigma", "distance m", "sigma mm"),
+    *page.words("from"),
+)
 """What each method gives."""
 
 
-def shelf_page(assessment: ShelfAssessment) -> ResultPage:
+def shelf_page(assessment: ShelfAssessment) -> page.ResultPage:
     """Return a calibration of a shelf as all outputs show it.
 
     Parameters
@@ -66,30 +57,30 @@ def shelf_page(assessment: ShelfAssessment) -> ResultPage:
     if assessment.exit_code == PASS and survey.plane is not None:
         content = recording_text(read_document(survey.recording.folder / RECORDING, RecordingSpec), survey.plane)
     sections = tuple(_sections(assessment))
-    return ResultPage("palletloc calibrate shelf", "Where the shelf's front is", _VERDICTS, sections, content)
+    return page.ResultPage("palletloc calibrate shelf", "Where the shelf's front is", _VERDICTS, sections, content)
 
 
-def _sections(assessment: ShelfAssessment) -> Iterator[Section]:
+def _sections(assessment: ShelfAssessment) -> Iterator[page.Section]:
     survey, solution = assessment.survey, assessment.survey.solution
     yield from _plane(survey)
-    yield Findings(assessment.findings, "Nothing is left to do: use the recording.yaml that was written.")
-    yield JsonValues(_values(survey))
-    yield Heading("Methods")
+    yield page.Findings(assessment.findings, "Nothing is left to do: use the recording.yaml that was written.")
+    yield page.JsonValues(_values(survey))
+    yield page.Heading("Methods")
     yield from _methods(survey)
-    yield Drawing(partial(_plan_figure, survey), "From above: the way, the pallets, the edges and the plane.")
+    yield page.Drawing(partial(_plan_figure, survey), "From above: the way, the pallets, the edges and the plane.")
     if survey.sweep is not None:
         yield from _sweep(survey.sweep, None if survey.fused is None else survey.fused.distance)
-    yield Paragraph(
+    yield page.Paragraph(
         f"{len(survey.shots)} shots were used. By them the odometry's distances are off by"
         f" {100 * (1 / solution.scale - 1):+.2f} % and its yaw rate by {np.degrees(solution.bias):+.3f}{DEGREE}/s."
     )
 
 
-def _plane(survey: ShelfSurvey) -> Iterator[Section]:
+def _plane(survey: ShelfSurvey) -> Iterator[page.Section]:
     if survey.fused is None or survey.plane is None:
         return
     turn, distance = np.sqrt(np.diag(survey.fused.covariance))
-    yield KeyFigures(
+    yield page.KeyFigures(
         (
             (f"{survey.fused.distance:.3f} m", f"from the camera {PLUS_MINUS} {1000 * distance:.1f} mm"),
             (
@@ -98,7 +89,7 @@ def _plane(survey: ShelfSurvey) -> Iterator[Section]:
             ),
         )
     )
-    yield Paragraph(
+    yield page.Paragraph(
         f"The plane goes through {_FRONT[survey.front]}, in odom as it was at the first sample of the"
         " odometry. The distance is that from the camera at the middle of the way; after the sign stands one"
         " standard deviation."
@@ -145,7 +136,7 @@ def _method_values(foot: Foot, estimate: PlaneEstimate) -> dict[str, Any]:
     }
 
 
-def _methods(survey: ShelfSurvey) -> Iterator[Section]:
+def _methods(survey: ShelfSurvey) -> Iterator[page.Section]:
     rows = tuple(_method_row(survey.foot, estimate) for estimate in survey.estimates)
     total: tuple[str, ...] = ()
     fused, plane = survey.fused, survey.plane
@@ -153,7 +144,7 @@ def _methods(survey: ShelfSurvey) -> Iterator[Section]:
         turn, distance = np.sqrt(np.diag(fused.covariance))
         facing = (f"{np.degrees(plane.facing):.2f}", f"{np.degrees(turn):.2f}")
         total = ("together", *facing, f"{fused.distance:.4f}", f"{1000 * distance:.1f}", "")
-    yield Table(_METHODS, rows, Output.PAGE | Output.TERMINAL if rows else Output.PAGE, total)
+    yield page.Table(_METHODS, rows, page.Output.PAGE | page.Output.TERMINAL if rows else page.Output.PAGE, total)
 
 
 def _method_row(foot: Foot, estimate: PlaneEstimate) -> tuple[str, ...]:
@@ -170,8 +161,8 @@ def _method_row(foot: Foot, estimate: PlaneEstimate) -> tuple[str, ...]:
     )
 
 
-def _sweep(sweep: PlaneSweep, distance: float | None) -> Iterator[Section]:
-    yield JsonValues(
+def _sweep(sweep: PlaneSweep, distance: float | None) -> Iterator[page.Section]:
+    yield page.JsonValues(
         {
             "sweep": {
                 "distance_m": sweep.distance,
@@ -185,29 +176,21 @@ def _sweep(sweep: PlaneSweep, distance: float | None) -> Iterator[Section]:
     )
     if distance is None:
         return
-    yield Heading("Where surfaces are")
-    yield Paragraph(
+    yield page.Heading("Where surfaces are")
+    yield page.Paragraph(
         f"The plane was moved by 15 cm to either side. At each peak of the {len(sweep.distances)} distances the most"
         f" of {sweep.windows} small windows look alike from several places: there are uprights, beams or pallets."
         " Which of them it is cannot be told, so a clear peak counts with what they stand apart."
     )
     rows = [(peak.distance, 1000 * (peak.distance - distance), 100 * peak.score) for peak in sweep.peaks]
-    yield Table(
-        numbers("distance m", "behind the result, mm", "windows alike, %"),
+    yield page.Table(
+        page.numbers("distance m", "behind the result, mm", "windows alike, %"),
         tuple((f"{at:.3f}", f"{off:+.0f}", f"{alike:.1f}") for at, off, alike in rows),
     )
 
 
 def recording_text(spec: RecordingSpec, plane: ShelfPlane) -> str:
-    """Return the content of a recording.yaml with another plane; all else stays.
-
-    Parameters
-    ----------
-    spec : RecordingSpec
-        What stands in the file.
-    plane : ShelfPlane
-        The new plane, in odom.
-    """
+    """Return the content of a recording.yaml with another plane, in odom; all else stays."""
     shelf = ShelfSpec(
         point_m=(round(plane.x, 4), round(plane.y, 4)),
         facing_deg=round(float(np.degrees(plane.facing)), 3),

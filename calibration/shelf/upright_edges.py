@@ -171,10 +171,8 @@ def measure_edges(views: Sequence[LevelView], poses: FloatArray, edges: Edges, i
 
     Parameters
     ----------
-    views : sequence of LevelView
-        One for each shot.
-    poses : (n, 3) array
-        ``odom_from_forklift`` at the shots.
+    views, poses
+        As for `find_edges`.
     edges : Edges
         Where they are about.
     into : float

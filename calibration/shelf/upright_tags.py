@@ -51,12 +51,8 @@ def tag_places(
 
     Parameters
     ----------
-    recording : Recording
-        The recording.
-    shots : sequence of int
-        Which of its shots to use.
-    poses : (n, 3) array
-        ``odom_from_forklift`` at these.
+    recording, shots, poses
+        As for `beam_lines`.
     tags : TagsOnUprights
         Which tags.
     on_progress : callable

@@ -72,10 +72,8 @@ def detect_markers(camera: CameraModel, image: Image, dictionary: str, scale: fl
 
     Parameters
     ----------
-    camera : CameraModel
-        Of the shot.
-    image : (height, width) array of uint8
-        The shot in gray.
+    camera, image
+        As for `sphere_patches`.
     dictionary : str
         Name of the dictionary.
     scale : float

@@ -71,10 +71,8 @@ def observe(
 
     Parameters
     ----------
-    camera : CameraModel
-        Of the shot.
-    image : (height, width) array of uint8
-        The shot in gray.
+    camera, image
+        As for `sphere_patches`.
     shot : str
         Its name.
     targets : mapping of str to Target

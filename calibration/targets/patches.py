@@ -134,12 +134,9 @@ def _densities(camera: CameraModel, middles: FloatArray) -> FloatArray:
     if np.isfinite(density).any():
         density[~np.isfinite(density)] = np.nanmedian(density)
     else:  # a camera so narrow that it sees no middle
-        density[:] = pixel_density(camera, camera.unproject(_image_middle(camera)).directions)[0]
+        middle = np.array([[(camera.width - 1) / 2, (camera.height - 1) / 2]])
+        density[:] = pixel_density(camera, camera.unproject(middle).directions)[0]
     return density
-
-
-def _image_middle(camera: CameraModel) -> FloatArray:
-    return np.array([[(camera.width - 1) / 2, (camera.height - 1) / 2]])
 
 
 def cut_patch(camera: CameraModel, image: Image, direction: FloatArray, focal: float) -> tuple[Patch, BoolArray]:
@@ -147,10 +144,8 @@ def cut_patch(camera: CameraModel, image: Image, direction: FloatArray, focal: f
 
     Parameters
     ----------
-    camera : CameraModel
-        Of the shot.
-    image : (height, width) array of uint8
-        The shot in gray.
+    camera, image
+        As for `sphere_patches`.
     direction : (3,) array
         Where the patch looks.
     focal : float

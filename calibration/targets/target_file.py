@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 from pydantic import BeforeValidator, Field
 
@@ -13,6 +13,8 @@ from palletloc.io.yaml_document import Document, DocumentError, Numbers
 
 Positive = Annotated[float, BeforeValidator(Numbers(positive=True))]
 """One positive number."""
+_Printed = TypeVar("_Printed", bound=Target)
+"""A kind of target."""
 Count = Annotated[int, Field(strict=True, ge=0)]
 """A whole number that is not negative."""
 
@@ -37,6 +39,20 @@ class TagSpec(Document):
     """Side of the black border's outer edge."""
 
 
+def charuco_board(given: CharucoSpec) -> CharucoBoard:
+    """Return the board that a file describes; `checked_target` says whether such a board can exist."""
+    return CharucoBoard(given.columns, given.rows, given.square_m, given.marker_m, given.dictionary, given.first_id)
+
+
+def checked_target(where: str, target: _Printed) -> _Printed:
+    """Return a target as it was given; raises DocumentError, with its place in the file, if it cannot exist."""
+    try:
+        patterns(target)
+    except TargetError as error:
+        raise DocumentError(f"{where}: {error}") from error
+    return target
+
+
 def target_from_spec(path: Path, name: str, charuco: CharucoSpec | None, tag: TagSpec | None) -> Target:
     """Return what a file says is printed on a target.
 
@@ -58,21 +74,15 @@ def target_from_spec(path: Path, name: str, charuco: CharucoSpec | None, tag: Ta
     target: Target
     match (charuco, tag):
         case (CharucoSpec() as board, None):
-            target = CharucoBoard(
-                board.columns, board.rows, board.square_m, board.marker_m, board.dictionary, board.first_id
-            )
+            target = charuco_board(board)
         case (None, TagSpec() as single):
             target = SingleTag(single.size_m, single.dictionary, single.id)
         case _:
             raise DocumentError(f"{where}: expected one of the keys charuco and tag")
-    try:
-        patterns(target)
-    except TargetError as error:
-        raise DocumentError(f"{where}: {error}") from error
-    return target
+    return checked_target(where, target)
 
 
-def refuse_shared_ids(path: Path, targets: Mapping[str, Target]) -> None:
+def refuse_shared_ids(path: Path, targets: Mapping[str, Target], key: str = "targets") -> None:
     """Check that every marker belongs to one target.
 
     Parameters
@@ -81,6 +91,8 @@ def refuse_shared_ids(path: Path, targets: Mapping[str, Target]) -> None:
         The file, for errors.
     targets : mapping of str to Target
         By name.
+    key : str
+        Where they stand in the file, for errors.
 
     Raises
     ------
@@ -93,6 +105,6 @@ def refuse_shared_ids(path: Path, targets: Mapping[str, Target]) -> None:
             owner = owners.setdefault((target.dictionary, int(number)), name)
             if owner != name:
                 raise DocumentError(
-                    f"{path}: targets.{name}: has the marker {number} of {target.dictionary}, which {owner} has too;"
+                    f"{path}: {key}.{name}: has the marker {number} of {target.dictionary}, which {owner} has too;"
                     " expected every id once"
                 )

@@ -86,10 +86,8 @@ def align_corners(
 
     Parameters
     ----------
-    camera : CameraModel
-        Of the shot.
-    image : (height, width) array of uint8
-        The shot in gray.
+    camera, image
+        As for `sphere_patches`.
     pattern : PrintedPattern
         What is printed.
     camera_from_board : RigidTransform

@@ -43,13 +43,7 @@ def halo(linewidth: float) -> withStroke:
 
 
 def new_figure(height_px: float) -> Figure:
-    """Return an empty figure of the common width, with an Agg canvas; it belongs to no window.
-
-    Parameters
-    ----------
-    height_px : float
-        Height in pixels.
-    """
+    """Return an empty figure of the common width, with an Agg canvas; it belongs to no window."""
     figure = Figure(figsize=(WIDTH_PX / DPI, round(height_px) / DPI), dpi=DPI, facecolor="white")
     FigureCanvasAgg(figure)
     return figure
@@ -82,15 +76,7 @@ def png(figure: Figure) -> bytes:
 
 
 def small_png(figure: Figure, colors: int = 128) -> bytes:
-    """Return a figure of few colours, without photographs, as the content of a small PNG file with a palette.
-
-    Parameters
-    ----------
-    figure : Figure
-        The figure.
-    colors : int
-        How many colours to keep, at most 256.
-    """
+    """Return a figure without photographs as a small PNG file with a palette of `colors`, 256 at most."""
     drawn = PillowImage.open(io.BytesIO(png(figure))).convert("RGB")
     buffer = io.BytesIO()
     drawn.quantize(colors, dither=PillowImage.Dither.NONE).save(buffer, format="png", optimize=True)
@@ -98,30 +84,14 @@ def small_png(figure: Figure, colors: int = 128) -> bytes:
 
 
 def as_jpeg(content: bytes, quality: int = 80) -> bytes:
-    """Return a picture, given as the content of a file, as a JPEG: smaller where it holds photographs.
-
-    Parameters
-    ----------
-    content : bytes
-        Of a PNG file.
-    quality : int
-        Of the JPEG, at most 95.
-    """
+    """Return the content of a PNG file as a JPEG of some quality, 95 at most: smaller where it holds photographs."""
     buffer = io.BytesIO()
     PillowImage.open(io.BytesIO(content)).convert("RGB").save(buffer, format="jpeg", quality=quality, optimize=True)
     return buffer.getvalue()
 
 
 def show_view(axes: Axes, view: PlaneView) -> None:
-    """Show the image of a plane on metric axes; what the camera does not see is white, what is dark brightened.
-
-    Parameters
-    ----------
-    axes : Axes
-        Gets the image, equal scales and the plane's limits.
-    view : PlaneView
-        The image.
-    """
+    """Show the image of a plane on metric axes; what the camera does not see is white, what is dark brightened."""
     grid, half = view.grid, view.grid.resolution / 2
     right = grid.left + (grid.columns - 1) * grid.resolution
     bottom = grid.top - (grid.rows - 1) * grid.resolution

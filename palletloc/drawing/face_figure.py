@@ -10,24 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from palletloc.candidate import Fit, Refusal
-from palletloc.drawing.canvas import (
-    FAINT,
-    GRID,
-    INK,
-    LEGEND_ROW_PX,
-    MEASURED,
-    MINUS,
-    REFUSED,
-    SIGMA,
-    STARTED,
-    WIDTH_PX,
-    add_axes,
-    add_legend,
-    add_text,
-    halo,
-    new_figure,
-    show_view,
-)
+from palletloc.drawing import canvas
 from palletloc.drawing.outline import face_outline, stretches_of
 from palletloc.explained import EdgeAccount, EdgeFate, account_edges, given_up
 from palletloc.geometry import FloatArray, LevelPose
@@ -40,7 +23,7 @@ _AROUND = 0.06
 """What a view shows beyond the face, in metres."""
 _RESOLUTION = 0.002
 """Of the views, in metres per pixel: a face of 1.1 m is half as wide as the page."""
-_HALO = halo(3.6)
+_HALO = canvas.halo(3.6)
 """Around lines and numbers on the views."""
 _BESIDE = 0.017
 """Distance of an edge's number from it, in metres."""
@@ -53,7 +36,7 @@ _COLUMNS = (
     ("edge", 34, "left"),
     ("", 260, "left"),
     ("offset mm", 404, "right"),
-    (f"{SIGMA} mm", 464, "right"),
+    (f"{canvas.SIGMA} mm", 464, "right"),
     ("weight", 530, "right"),
     ("seen %", 600, "right"),
 )
@@ -83,7 +66,7 @@ class _FateStyle:
 _FATE_STYLES = {
     EdgeFate.USED: _FateStyle("used", "#5cc8ff", "#0b6bcb", "-", "o"),
     EdgeFate.REJECTED: _FateStyle("rejected", "#ffa02e", "#c2410c", (0, (5, 2)), "X"),
-    EdgeFate.NOT_SEEN: _FateStyle("not seen", "#ffffff", FAINT, (0, (1, 1.6)), ""),
+    EdgeFate.NOT_SEEN: _FateStyle("not seen", "#ffffff", canvas.FAINT, (0, (1, 1.6)), ""),
     EdgeFate.HIDDEN: _FateStyle("hidden", "#e3b3ff", "#7e22ce", (0, (6, 2, 1, 2)), "s"),
 }
 """How the fates of edges look: every one differs from the others in colour and in line."""
@@ -95,53 +78,43 @@ def _table_height(edges: Sequence[EdgeAccount]) -> float:
 
 
 def _draw_table(figure: Figure, top: float, edges: Sequence[EdgeAccount]) -> None:
-    """Draw the table and, on the same rows, the offsets with two standard deviations.
-
-    Parameters
-    ----------
-    figure : Figure
-        The page.
-    top : float
-        Where the table begins, in pixels from the upper border.
-    edges : sequence of EdgeAccount
-        Of one face.
-    """
+    """Draw the table of a face and, on the same rows, the offsets with two standard deviations."""
     height = _ROW * len(edges)
-    caption = f"offset outwards from where the fit looked for it (mm); bars: 2{SIGMA}"
-    add_text(figure, _CHART, top + 11, caption, size=9.5)
-    rows = add_axes(figure, _LEFT, top + _TABLE_HEAD, WIDTH_PX - _LEFT - _RIGHT, height)
-    rows.set(xlim=(0, WIDTH_PX - _LEFT - _RIGHT), ylim=(len(edges) - 0.5, -0.5), facecolor="none")
+    caption = f"offset outwards from where the fit looked for it (mm); bars: 2{canvas.SIGMA}"
+    canvas.add_text(figure, _CHART, top + 11, caption, size=9.5)
+    rows = canvas.add_axes(figure, _LEFT, top + _TABLE_HEAD, canvas.WIDTH_PX - _LEFT - _RIGHT, height)
+    rows.set(xlim=(0, canvas.WIDTH_PX - _LEFT - _RIGHT), ylim=(len(edges) - 0.5, -0.5), facecolor="none")
     rows.set_axis_off()
-    rows.axhline(-0.5, color=GRID, linewidth=1.2)
+    rows.axhline(-0.5, color=canvas.GRID, linewidth=1.2)
     for text, at, align in _COLUMNS:
-        rows.text(at, -1.0, text, ha=align, va="center", size=9.5, color=FAINT)
+        rows.text(at, -1.0, text, ha=align, va="center", size=9.5, color=canvas.FAINT)
     for row, edge in enumerate(edges):
         _write_row(rows, row, edge)
-    chart = add_axes(figure, _CHART, top + _TABLE_HEAD, WIDTH_PX - _CHART - _RIGHT, height)
+    chart = canvas.add_axes(figure, _CHART, top + _TABLE_HEAD, canvas.WIDTH_PX - _CHART - _RIGHT, height)
     _draw_offsets(chart, edges)
 
 
 def _write_row(axes: Axes, row: int, edge: EdgeAccount) -> None:
     if row % 2:
-        axes.axhspan(row - 0.5, row + 0.5, xmax=0.53, color=GRID, alpha=0.35, linewidth=0)
+        axes.axhspan(row - 0.5, row + 0.5, xmax=0.53, color=canvas.GRID, alpha=0.35, linewidth=0)
     style = _FATE_STYLES[edge.fate]
     load = " (load above)" if edge.loaded else ""
     cells = [str(edge.number), edge.name + load, style.label, "", "", "", ""]
     if edge.measured is not None:
         fit = edge.measured.fit
-        offset = f"{round(_MM * fit.offset, 1) + 0.0:+.1f}".replace("-", MINUS)
+        offset = f"{round(_MM * fit.offset, 1) + 0.0:+.1f}".replace("-", canvas.MINUS)
         cells[3:] = [offset, f"{_MM * edge.sigma:.1f}", f"{edge.weight:.2f}", f"{100 * fit.coverage:.0f}"]
     for i, (cell, (_, at, align)) in enumerate(zip(cells, _COLUMNS, strict=True)):
         text = axes.text(at, row, cell, ha=align, va="center", size=9.5)
-        text.set(color=style.paper if i in (0, 2) else INK, weight="bold" if i in (0, 2) else "normal")
+        text.set(color=style.paper if i in (0, 2) else canvas.INK, weight="bold" if i in (0, 2) else "normal")
 
 
 def _draw_offsets(axes: Axes, edges: Sequence[EdgeAccount]) -> None:
     axes.set(ylim=(len(edges) - 0.5, -0.5), yticks=range(len(edges)))
     axes.set_yticklabels([str(edge.number) for edge in edges])
-    axes.grid(axis="x", color=GRID, linewidth=0.6)
+    axes.grid(axis="x", color=canvas.GRID, linewidth=0.6)
     axes.set_axisbelow(True)
-    axes.axvline(0.0, color=INK, linewidth=1.0)
+    axes.axvline(0.0, color=canvas.INK, linewidth=1.0)
     drawn = [(row, edge, edge.measured) for row, edge in enumerate(edges) if edge.measured is not None]
     ends = [
         _MM * (abs(measured.fit.offset) + (2 * edge.sigma if edge.weight > 0 else 0)) for _, edge, measured in drawn
@@ -182,32 +155,32 @@ def face_figure(name: str, outcome: Fit | Refusal, shot: Shot) -> Figure:
         every edge of the face by what became of it, numbered as in the table below.
     """
     candidate, fit = outcome.candidate, outcome.fit
-    panels = [("at the start", candidate.start, STARTED)]
+    panels = [("at the start", candidate.start, canvas.STARTED)]
     if fit is not None:
-        measured = ("at the measured pose", fit.pose, MEASURED)
-        refused = ("at the pose that was given up", fit.pose, REFUSED)
+        measured = ("at the measured pose", fit.pose, canvas.MEASURED)
+        refused = ("at the pose that was given up", fit.pose, canvas.REFUSED)
         panels.append(measured if isinstance(outcome, Fit) else refused)
     views = [_view(shot, pose, candidate.model) for _, pose, _ in panels]
-    width = WIDTH_PX - _LEFT - _RIGHT
+    width = canvas.WIDTH_PX - _LEFT - _RIGHT
     heights = [80.0 if view is None else width * view.grid.rows / view.grid.columns for view in views]
     face = None if fit is None else fit.face
     edges = () if face is None else account_edges(face, candidate.model)
-    keys = LEGEND_ROW_PX if edges else 0
+    keys = canvas.LEGEND_ROW_PX if edges else 0
     table = _table_height(edges) if edges else 0.0
-    figure = new_figure(_HEAD + sum(heights) + len(panels) * (_TITLE + _AXIS) + _FOOT + keys + table)
+    figure = canvas.new_figure(_HEAD + sum(heights) + len(panels) * (_TITLE + _AXIS) + _FOOT + keys + table)
     title = f"{name}: front face of {candidate.model.name}, seen from the aisle{given_up(outcome)}"
-    add_text(figure, _LEFT, 14, title, size=13, bold=True)
+    canvas.add_text(figure, _LEFT, 14, title, size=13, bold=True)
     top = float(_HEAD)
     for i, ((where, _, color), view, height) in enumerate(zip(panels, views, heights, strict=True)):
-        axes = add_axes(figure, _LEFT, top + _TITLE, width, height)
+        axes = canvas.add_axes(figure, _LEFT, top + _TITLE, width, height)
         shown = edges if i > 0 else ()
         _draw_panel(axes, view, candidate.model, shown, where, color)
         if shown and face is not None and view is not None:
             _shade_hidden(axes, face.seen.hidden)
-        add_text(figure, _LEFT, top + 6, where.capitalize() + _counts(shown), size=10.5)
+        canvas.add_text(figure, _LEFT, top + 6, where.capitalize() + _counts(shown), size=10.5)
         top += _TITLE + height + _AXIS
     axes.set_xlabel("to the right of the face's middle (m)")
-    add_legend(figure, top + 16, *figure.axes, columns=6)
+    canvas.add_legend(figure, top + 16, *figure.axes, columns=6)
     if edges:
         _draw_table(figure, top + _FOOT + keys - 8, edges)
     return figure
@@ -239,7 +212,7 @@ def _draw_panel(
         axes.text(0.5, 0.5, "not wholly seen by the camera", ha="center", va="center")
         axes.set(xticks=[], yticks=[])
         return
-    show_view(axes, view)
+    canvas.show_view(axes, view)
     axes.set_ylabel("up (m)")
     for line in face_outline(model):
         axes.plot(*line.T, color=color, linewidth=0.9 if edges else 1.5, label=f"model {where}")
@@ -271,15 +244,7 @@ def _draw_edge(axes: Axes, edge: EdgeAccount, model: PalletModel) -> None:
 
 
 def edge_stretches(measured: MeasuredEdge, model: PalletModel) -> FloatArray:
-    """Return where a line of the face was measured, (n, 2, 2): ends of its stretches, in metres.
-
-    Parameters
-    ----------
-    measured : MeasuredEdge
-        The line.
-    model : PalletModel
-        The pallet.
-    """
+    """Return where a line of the face was measured, (n, 2, 2): ends of its stretches, in metres."""
     ends = stretches_of(model, measured.edge)
     outward = np.array(measured.edge.outward)
     along = (ends - np.array(measured.edge.middle)) @ np.abs(outward[::-1])

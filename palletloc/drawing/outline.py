@@ -69,15 +69,7 @@ def _rounded(corners: list[tuple[float, float]], radii: list[float], step: float
 
 
 def sampled(line: FloatArray, step: float) -> FloatArray:
-    """Return a polyline with points added so that neighbours are at most a step apart.
-
-    Parameters
-    ----------
-    line : (n, d) array
-        The points, which are all kept.
-    step : float
-        In the line's unit.
-    """
+    """Return a polyline, (n, d), with points added so that neighbours are at most a step of its unit apart."""
     pieces = [line[:1]]
     for start, end in pairwise(line):
         count = max(1, int(np.ceil(np.linalg.norm(end - start) / step - 1e-9)))
@@ -86,15 +78,7 @@ def sampled(line: FloatArray, step: float) -> FloatArray:
 
 
 def stretches_of(model: PalletModel, edge: FaceEdge) -> FloatArray:
-    """Return the stretches of a line of the face, (n, 2, 2): ends of each, right and up, in metres.
-
-    Parameters
-    ----------
-    model : PalletModel
-        The pallet.
-    edge : FaceEdge
-        The whole line.
-    """
+    """Return the stretches of a line of the face, (n, 2, 2): ends of each, right and up, in metres."""
     lines = (line for line in face_lines(model) if line.whole == edge)
     stretches = [stretch for line in lines for stretch in line.edges] or [edge]
     return np.array([[stretch.start, stretch.end] for stretch in stretches])

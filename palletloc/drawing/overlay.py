@@ -165,14 +165,6 @@ def _beside(columns: FloatArray, period: float) -> FloatArray:
 
 
 def cut_out(image: Image, region: Region) -> Image:
-    """Return a part of an image; columns outside come from the other side.
-
-    Parameters
-    ----------
-    image : (height, width, ...) array
-        The image.
-    region : Region
-        The part.
-    """
+    """Return a part of an image, (height, width, ...); columns outside come from the other side."""
     columns = np.arange(region.left, region.left + region.width) % image.shape[1]
     return image[region.top : region.top + region.height][:, columns]

@@ -109,15 +109,7 @@ def pallets_figure(models: Sequence[PalletModel], columns: int = 3) -> Figure:
 
 
 def pallets_png(models: Sequence[PalletModel], columns: int = 3) -> bytes:
-    """Return the drawing of `pallets_figure` as the content of a PNG file.
-
-    Parameters
-    ----------
-    models : sequence of PalletModel
-        What to draw, row by row.
-    columns : int
-        Most faces side by side.
-    """
+    """Return the drawing of `pallets_figure`, by the same arguments, as the content of a PNG file."""
     buffer = io.BytesIO()
     pallets_figure(models, columns).savefig(buffer, format="png")
     return buffer.getvalue()

@@ -10,23 +10,7 @@ from matplotlib.figure import Figure
 
 from palletloc.baselines import nearest_line
 from palletloc.candidate import Fit, Refusal, last_step, steps_of
-from palletloc.drawing.canvas import (
-    DEGREE,
-    GRID,
-    LEGEND_ROW_PX,
-    MEASURED,
-    PLUS_MINUS,
-    REFUSED,
-    SERIES,
-    STARTED,
-    WIDTH_PX,
-    add_axes,
-    add_legend,
-    add_text,
-    halo,
-    new_figure,
-    show_view,
-)
+from palletloc.drawing import canvas
 from palletloc.drawing.outline import seen_on_plane, stretches_of
 from palletloc.face import EdgeKind, edge_shift
 from palletloc.geometry import FloatArray, LevelPose
@@ -48,7 +32,7 @@ _EDGE_NAMES = {
 }
 """What people call the parts of a face."""
 _EDGE_COLORS = {
-    EdgeKind.BOTTOM: MEASURED,
+    EdgeKind.BOTTOM: canvas.MEASURED,
     EdgeKind.TOP: "#38d3ff",
     EdgeKind.OPENING_TOP: "#ff9f43",
     EdgeKind.OPENING_BOTTOM: "#d9a5ff",
@@ -56,9 +40,9 @@ _EDGE_COLORS = {
 """Colours of the level edges on photographs."""
 _PLANES = {YawSource.BOTTOM: "lower", YawSource.TOP: "upper"}
 """Which edge of the face a plane goes through."""
-_HALO = halo(3.0)
+_HALO = canvas.halo(3.0)
 """Around lines on the views."""
-_LEFT, _RIGHT, _HEAD, _TITLE, _AXIS, _KEYS = 84, 20, 46, 26, 46, 2 * LEGEND_ROW_PX + 4
+_LEFT, _RIGHT, _HEAD, _TITLE, _AXIS, _KEYS = 84, 20, 46, 26, 46, 2 * canvas.LEGEND_ROW_PX + 4
 """Of the yaw's figure: borders, room for a view's title, axis and keys, in pixels."""
 _HIGHEST = 420
 """Most height of a view, in pixels: two fit on a screen."""
@@ -97,21 +81,21 @@ def horizontal_figure(name: str, outcome: Fit | Refusal) -> Figure:
     only_lines = estimate is None
     views = [last] if only_lines else [first, last]
     sizes = [_size(seen) for seen in views]
-    figure = new_figure(_HEAD + sum(height + _TITLE + _AXIS + _KEYS for _, height in sizes))
+    figure = canvas.new_figure(_HEAD + sum(height + _TITLE + _AXIS + _KEYS for _, height in sizes))
     title = f"{name}: horizontal plane through the {_PLANES[first.source]} edge of the face, seen from above"
-    add_text(figure, _LEFT, 14, title, size=13, bold=True)
+    canvas.add_text(figure, _LEFT, 14, title, size=13, bold=True)
     top = float(_HEAD)
     for i, (seen, (width, height)) in enumerate(zip(views, sizes, strict=True)):
-        axes = add_axes(figure, _LEFT, top + _TITLE, width, height)
-        show_view(axes, seen.view)
+        axes = canvas.add_axes(figure, _LEFT, top + _TITLE, width, height)
+        canvas.show_view(axes, seen.view)
         placed = "first" if seen is first else "last"
         if estimate is None or i == 0:
             text = _draw_found(axes, steps_of(outcome, BoundaryLine), placed)
         else:
             text = _draw_votes(axes, seen, estimate, outcome.candidate.model)
-        add_text(figure, _LEFT, top + 6, text, size=10.5)
+        canvas.add_text(figure, _LEFT, top + 6, text, size=10.5)
         axes.set(ylabel="into the shelf (m)", xlabel="to the right of the face's middle (m)")
-        add_legend(figure, top + _TITLE + height + _AXIS, axes, columns=4)
+        canvas.add_legend(figure, top + _TITLE + height + _AXIS, axes, columns=4)
         top += _TITLE + height + _AXIS + _KEYS
     return figure
 
@@ -119,7 +103,7 @@ def horizontal_figure(name: str, outcome: Fit | Refusal) -> Figure:
 def _size(seen: HorizontalView) -> tuple[float, float]:
     """Return width and height of a view on the page, in pixels."""
     aspect = seen.view.grid.columns / seen.view.grid.rows
-    width = min(WIDTH_PX - _LEFT - _RIGHT, _HIGHEST * aspect)
+    width = min(canvas.WIDTH_PX - _LEFT - _RIGHT, _HIGHEST * aspect)
     return width, width / aspect
 
 
@@ -135,7 +119,7 @@ def _draw_found(axes: Axes, lines: Sequence[BoundaryLine], placed: str) -> str:
         axes.plot(
             ends,
             line.up + np.tan(line.turn) * ends,
-            color=STARTED,
+            color=canvas.STARTED,
             linewidth=2.2 if best else 1.0,
             linestyle="-" if best else ":",
             path_effects=[_HALO],
@@ -146,14 +130,14 @@ def _draw_found(axes: Axes, lines: Sequence[BoundaryLine], placed: str) -> str:
     turn = np.degrees(chosen.turn).round(2) + 0.0
     return (
         f"As {placed} placed: the long line that is nearest to the expected edge is turned against it by"
-        f" {turn:+.2f}{DEGREE} (Hough transform)"
+        f" {turn:+.2f}{canvas.DEGREE} (Hough transform)"
     )
 
 
 def _draw_votes(axes: Axes, seen: HorizontalView, estimate: YawEstimate, model: PalletModel) -> str:
     """Draw the measured lines, and return what that means."""
     for vote in estimate.votes:
-        color = _EDGE_COLORS.get(vote.edge.kind, MEASURED) if vote.used else REFUSED
+        color = _EDGE_COLORS.get(vote.edge.kind, canvas.MEASURED) if vote.used else canvas.REFUSED
         state = "" if vote.used else ", not used"
         for ends in vote_stretches(seen, vote, model):
             axes.plot(
@@ -171,17 +155,7 @@ def _draw_votes(axes: Axes, seen: HorizontalView, estimate: YawEstimate, model: 
 
 
 def vote_stretches(seen: HorizontalView, vote: YawVote, model: PalletModel) -> FloatArray:
-    """Return where a line of the face was measured on a horizontal view, (n, 2, 2): ends of its stretches.
-
-    Parameters
-    ----------
-    seen : HorizontalView
-        The view.
-    vote : YawVote
-        The line.
-    model : PalletModel
-        The pallet.
-    """
+    """Return where a line of the face was measured on a horizontal view, (n, 2, 2): ends of its stretches."""
     camera = seen.plane_from_camera
     face_from_camera = np.array([camera[0], camera[2] + seen.height, -camera[1]])
     shift = edge_shift(vote.edge, face_from_camera, model).mean
@@ -194,7 +168,7 @@ def vote_stretches(seen: HorizontalView, vote: YawVote, model: PalletModel) -> F
 
 def _degrees(angle: float, sigma: float, sign: str = "") -> str:
     turn, spread = np.degrees(angle).round(2) + 0.0, np.degrees(sigma)  # no sign before a zero
-    return f"{turn:{sign}.2f}{DEGREE} {PLUS_MINUS} {spread:.2f}{DEGREE}"
+    return f"{turn:{sign}.2f}{canvas.DEGREE} {canvas.PLUS_MINUS} {spread:.2f}{canvas.DEGREE}"
 
 
 def sweep_figure(name: str, outcome: Fit | Refusal) -> Figure:
@@ -217,33 +191,33 @@ def sweep_figure(name: str, outcome: Fit | Refusal) -> Figure:
     ValueError
         Where nothing was searched.
     """
-    figure = new_figure(_HEAD + _HEIGHT + _FOOT)
-    axes = add_axes(figure, _SWEEP_LEFT, _HEAD, WIDTH_PX - _SWEEP_LEFT - _RIGHT, _HEIGHT)
+    figure = canvas.new_figure(_HEAD + _HEIGHT + _FOOT)
+    axes = canvas.add_axes(figure, _SWEEP_LEFT, _HEAD, canvas.WIDTH_PX - _SWEEP_LEFT - _RIGHT, _HEIGHT)
     axes.set_xlabel("distance of the plane against the start (mm); positive is farther away")
     swept, joint = last_step(outcome, Sweep), last_step(outcome, JointSearch)
     if swept is not None:
         title = _draw_sweep(axes, outcome, swept)
-        axes.grid(color=GRID, linewidth=0.6)
+        axes.grid(color=canvas.GRID, linewidth=0.6)
     elif joint is not None:
         title = _draw_joint(figure, axes, joint)
     else:
         raise ValueError(f"candidate {name} was not searched: there is no score to draw")
-    add_text(figure, _SWEEP_LEFT, 14, f"{name}: {title}", size=13, bold=True)
-    add_legend(figure, _HEAD + _HEIGHT + 46, axes)
+    canvas.add_text(figure, _SWEEP_LEFT, 14, f"{name}: {title}", size=13, bold=True)
+    canvas.add_legend(figure, _HEAD + _HEIGHT + 46, axes)
     return figure
 
 
 def _draw_sweep(axes: Axes, outcome: Fit | Refusal, swept: Sweep) -> str:
     start = outcome.candidate.start
     depth = swept.depth * _MM
-    axes.plot(depth, swept.score, color=SERIES[0], linewidth=1.8, label="best score at each distance")
-    axes.plot(depth, swept.score, ".", color=SERIES[0], markersize=5)
+    axes.plot(depth, swept.score, color=canvas.SERIES[0], linewidth=1.8, label="best score at each distance")
+    axes.plot(depth, swept.score, ".", color=canvas.SERIES[0], markersize=5)
     axes.set_ylabel("agreement of edges and template")
     axes.set_xlim(depth[0], depth[-1])
     for i, peak in enumerate(swept.peaks):
         axes.axvline(
             _depth(start, peak) * _MM,
-            color=SERIES[1],
+            color=canvas.SERIES[1],
             linewidth=1.6 if i == 0 else 0.9,
             linestyle="--" if i == 0 else ":",
             label="the sweep's best place" if i == 0 else "its next best places",
@@ -256,16 +230,16 @@ def _draw_sweep(axes: Axes, outcome: Fit | Refusal, swept: Sweep) -> str:
 def _draw_joint(figure: Figure, axes: Axes, found: JointSearch) -> str:
     turns = np.degrees(found.turns)
     colors = axes.pcolormesh(found.depths * _MM, turns, found.score, cmap="cividis", shading="nearest")
-    axes.set_ylabel(f"turn of the plane ({DEGREE})")
+    axes.set_ylabel(f"turn of the plane ({canvas.DEGREE})")
     wide, high = axes.get_position().size
-    axes.set_position((_SWEEP_LEFT / WIDTH_PX, axes.get_position().y0, wide - 0.07, high))
-    scale = add_axes(figure, WIDTH_PX - 80, _HEAD, 16, _HEIGHT)
+    axes.set_position((_SWEEP_LEFT / canvas.WIDTH_PX, axes.get_position().y0, wide - 0.07, high))
+    scale = canvas.add_axes(figure, canvas.WIDTH_PX - 80, _HEAD, 16, _HEIGHT)
     figure.colorbar(colors, cax=scale, label="agreement of edges and template")
     row, column = np.unravel_index(int(found.score.argmax()), found.score.shape)
     depth, turn = float(found.depths[column]) * _MM, float(turns[row])
     axes.plot(depth, turn, "+", color="white", markersize=16, markeredgewidth=2.5)
-    axes.plot(depth, turn, "+", color=SERIES[1], markersize=14, markeredgewidth=1.5, label="best place")
-    place = f"{depth:+.0f} mm and {turn:+.2f}{DEGREE}"
+    axes.plot(depth, turn, "+", color=canvas.SERIES[1], markersize=14, markeredgewidth=1.5, label="best place")
+    place = f"{depth:+.0f} mm and {turn:+.2f}{canvas.DEGREE}"
     return f"the joint search fits best at {place}, score {found.best:.2f}"
 
 
@@ -273,7 +247,7 @@ def _mark_measured(axes: Axes, outcome: Fit | Refusal) -> None:
     if outcome.fit is not None and outcome.fit.face is not None:
         measured = _depth(outcome.candidate.start, outcome.fit.pose) * _MM
         label = f"measured by the edges: {measured:+.1f} mm"
-        axes.axvline(measured, color=SERIES[2], linewidth=1.8, label=label)
+        axes.axvline(measured, color=canvas.SERIES[2], linewidth=1.8, label=label)
 
 
 def _depth(start: LevelPose, pose: LevelPose) -> float:

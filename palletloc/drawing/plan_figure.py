@@ -9,21 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Polygon
 
-from palletloc.drawing.canvas import (
-    DEGREE,
-    FAINT,
-    GRID,
-    INK,
-    MINUS,
-    SERIES,
-    SIGMA,
-    TIMES,
-    WIDTH_PX,
-    add_axes,
-    add_legend,
-    add_text,
-    new_figure,
-)
+from palletloc.drawing import canvas
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.mounting import Mounting
 from palletloc.pallet import PalletModel
@@ -55,9 +41,9 @@ _COLUMNS = (
     ("left m", 360, "right"),
     ("long half axis mm", 510, "right"),
     ("short half axis mm", 660, "right"),
-    (f"height {SIGMA} mm", 780, "right"),
-    (f"yaw {DEGREE}", 880, "right"),
-    (f"yaw {SIGMA} {DEGREE}", 980, "right"),
+    (f"height {canvas.SIGMA} mm", 780, "right"),
+    (f"yaw {canvas.DEGREE}", 880, "right"),
+    (f"yaw {canvas.SIGMA} {canvas.DEGREE}", 980, "right"),
     ("ellipse drawn", 1085, "right"),
     ("fan drawn", 1170, "right"),
 )
@@ -93,27 +79,27 @@ def plan_figure(pallets: Sequence[Placed], mounting: Mounting, shelf: ShelfPlane
     width, height, scale = _page(low, high)
     spare = (width / scale - (high - low)[0]) / 2, (height / scale - (high - low)[1]) / 2
     table = _TABLE_HEAD + _ROW * len(pallets) if pallets else 0
-    figure = new_figure(_HEAD + height + _FOOT + table)
-    axes = add_axes(figure, _LEFT, _HEAD, width, height)
+    figure = canvas.new_figure(_HEAD + height + _FOOT + table)
+    axes = canvas.add_axes(figure, _LEFT, _HEAD, width, height)
     axes.set(
         xlim=(low[0] - spare[0], high[0] + spare[0]),
         ylim=(low[1] - spare[1], high[1] + spare[1]),
         xlabel="ahead of the forklift's reference point (m)",
         ylabel="to its left (m)",
     )
-    axes.grid(color=GRID, linewidth=0.6)
+    axes.grid(color=canvas.GRID, linewidth=0.6)
     axes.set_axisbelow(True)
     if shelf is not None:
         _draw_shelf(axes, shelf)
     _draw_forklift(axes, mounting)
     names: list[FloatArray] = []
     for i, pallet in enumerate(sorted(pallets, key=lambda pallet: pallet[2].x)):
-        _draw_pallet(axes, pallet, SERIES[i % len(SERIES)])
-        names.append(_write_name(axes, pallet, SERIES[i % len(SERIES)], names, 150 / scale))
-    add_text(figure, _LEFT, 14, "The aisle from above, in the forklift's frame", size=13, bold=True)
+        _draw_pallet(axes, pallet, canvas.SERIES[i % len(canvas.SERIES)])
+        names.append(_write_name(axes, pallet, canvas.SERIES[i % len(canvas.SERIES)], names, 150 / scale))
+    canvas.add_text(figure, _LEFT, 14, "The aisle from above, in the forklift's frame", size=13, bold=True)
     line = "Ellipses: position, fans: yaw; one and three standard deviations, magnified as the table tells"
-    add_text(figure, _LEFT, 40, line, size=10.5)
-    add_legend(figure, _HEAD + height + 50, axes)
+    canvas.add_text(figure, _LEFT, 40, line, size=10.5)
+    canvas.add_legend(figure, _HEAD + height + 50, axes)
     if pallets:
         _draw_table(figure, _HEAD + height + _FOOT, pallets)
     return figure
@@ -121,7 +107,7 @@ def plan_figure(pallets: Sequence[Placed], mounting: Mounting, shelf: ShelfPlane
 
 def _page(low: FloatArray, high: FloatArray) -> tuple[float, float, float]:
     """Return width and height of the map in pixels, and pixels per metre."""
-    width = float(WIDTH_PX - _LEFT - _RIGHT)
+    width = float(canvas.WIDTH_PX - _LEFT - _RIGHT)
     size = high - low
     scale = min(width / size[0], _MOST_PX / size[1])
     return width, max(float(size[1] * scale), _LEAST_PX), float(scale)
@@ -194,26 +180,34 @@ def _ellipse(pose: LevelPose, covariance: FloatArray, times: int, color: str) ->
 
 def _draw_table(figure: Figure, top: float, pallets: Sequence[Placed]) -> None:
     """Write the numbers behind the map."""
-    width = WIDTH_PX - _LEFT - _RIGHT
-    axes = add_axes(figure, _LEFT, top, width, _ROW * (len(pallets) + 1))
+    width = canvas.WIDTH_PX - _LEFT - _RIGHT
+    axes = canvas.add_axes(figure, _LEFT, top, width, _ROW * (len(pallets) + 1))
     axes.set(xlim=(0, width), ylim=(len(pallets) + 0.5, -0.5))
     axes.set_axis_off()
-    axes.axhline(0.5, color=GRID, linewidth=1.2)
+    axes.axhline(0.5, color=canvas.GRID, linewidth=1.2)
     colors = {
-        pallet[0]: SERIES[i % len(SERIES)] for i, pallet in enumerate(sorted(pallets, key=lambda pallet: pallet[2].x))
+        pallet[0]: canvas.SERIES[i % len(canvas.SERIES)]
+        for i, pallet in enumerate(sorted(pallets, key=lambda pallet: pallet[2].x))
     }
     for title, at, align in _COLUMNS:
-        axes.text(at, 0, title, ha=align, va="center", size=9.5, color=FAINT)
+        axes.text(at, 0, title, ha=align, va="center", size=9.5, color=canvas.FAINT)
     for row, (name, _, pose, covariance) in enumerate(pallets, start=1):
         long, short = 1000 * _half_axes(covariance)
         rise, turn = 1000 * np.sqrt(covariance[2, 2]), np.degrees(np.sqrt(covariance[3, 3]))
         values = (round(value, 3) + 0.0 for value in (pose.z, pose.x, pose.y))
         cells = [name, *(f"{value:.3f}" for value in values), f"{long:.1f}", f"{short:.1f}", f"{rise:.1f}"]
         cells += [f"{np.degrees(pose.yaw):.2f}", f"{turn:.3f}"]
-        cells += [f"{TIMES} {times}" for times in _magnifications(covariance)]
+        cells += [f"{canvas.TIMES} {times}" for times in _magnifications(covariance)]
         for cell, (_, at, align) in zip(cells, _COLUMNS, strict=True):
             text = axes.text(
-                at, row, cell.replace("-", MINUS), ha=align, va="center", size=9.5, color=INK, parse_math=False
+                at,
+                row,
+                cell.replace("-", canvas.MINUS),
+                ha=align,
+                va="center",
+                size=9.5,
+                color=canvas.INK,
+                parse_math=False,
             )
             if at == _COLUMNS[0][1]:
                 text.set(color=colors[name], weight="bold")
@@ -222,12 +216,12 @@ def _draw_table(figure: Figure, top: float, pallets: Sequence[Placed]) -> None:
 def _draw_shelf(axes: Axes, shelf: ShelfPlane) -> None:
     along = np.array([-np.sin(shelf.facing), np.cos(shelf.facing)])
     ends = np.array([shelf.x, shelf.y]) + np.array([[-30.0], [30.0]]) * along
-    axes.plot(*ends.T, color=FAINT, linewidth=1.2, linestyle=(0, (8, 4)), label="nominal front of the shelf")
+    axes.plot(*ends.T, color=canvas.FAINT, linewidth=1.2, linestyle=(0, (8, 4)), label="nominal front of the shelf")
 
 
 def _draw_forklift(axes: Axes, mounting: Mounting) -> None:
     x, y, _ = mounting.center
-    arrow = {"arrowstyle": "-|>", "color": INK, "linewidth": 1.4}
+    arrow = {"arrowstyle": "-|>", "color": canvas.INK, "linewidth": 1.4}
     axes.annotate("", xy=(0.42, 0.0), xytext=(0.0, 0.0), arrowprops=arrow)
-    axes.plot(0.0, 0.0, "s", color=INK, markersize=6, label="forklift's reference point, facing ahead")
-    axes.plot(x, y, "o", color="white", markeredgecolor=INK, markersize=8, label="camera")
+    axes.plot(0.0, 0.0, "s", color=canvas.INK, markersize=6, label="forklift's reference point, facing ahead")
+    axes.plot(x, y, "o", color="white", markeredgecolor=canvas.INK, markersize=8, label="camera")

@@ -13,21 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
 from palletloc.candidate import Candidate, Fit, Refusal, last_step
-from palletloc.drawing.canvas import (
-    DEGREE,
-    INK,
-    MEASURED,
-    PLUS_MINUS,
-    REFUSED,
-    STARTED,
-    WIDTH_PX,
-    add_axes,
-    add_legend,
-    add_text,
-    halo,
-    new_figure,
-    show_view,
-)
+from palletloc.drawing import canvas
 from palletloc.drawing.outline import face_outline
 from palletloc.explained import SearchAxes, given_up
 from palletloc.geometry import FloatArray, LevelPose
@@ -36,7 +22,7 @@ from palletloc.refinement.search import Search
 
 _PEAK = "#38d3ff"
 """On photographs: a hypothesis."""
-_HALO = halo(3.2)
+_HALO = canvas.halo(3.2)
 """Around lines and numbers on photographs and maps."""
 _COLORS = "cividis"
 """Matplotlib's map of colours, even for people who see few of them."""
@@ -66,7 +52,7 @@ class _Result:
 
     @property
     def color(self) -> str:
-        return REFUSED if self.refused else MEASURED
+        return canvas.REFUSED if self.refused else canvas.MEASURED
 
     @property
     def label(self) -> str:
@@ -102,21 +88,21 @@ def search_figure(name: str, outcome: Fit | Refusal) -> Figure:
     result = _Result(fit.pose, fit.covariance, isinstance(outcome, Refusal)) if fit else _Result(None, None, True)
     finer = _best_first(found)
     rows = [_MAP_HIGH] + ([_FINER_HIGH, _views_height(finer[0])] if finer else [])
-    figure = new_figure(_HEAD + sum(rows) + (_TITLE + _AXIS) * len(rows) + _FOOT)
+    figure = canvas.new_figure(_HEAD + sum(rows) + (_TITLE + _AXIS) * len(rows) + _FOOT)
     title = f"{name}: where {candidate.model.name} may stand, scored in the image{given_up(outcome)}"
-    add_text(figure, _LEFT, 14, title, size=13, bold=True)
-    add_text(figure, _LEFT, 40, _meaning(found), size=10.5)
+    canvas.add_text(figure, _LEFT, 14, title, size=13, bold=True)
+    canvas.add_text(figure, _LEFT, 40, _meaning(found), size=10.5)
     scale = Normalize(*_score_range([found, *finer]))
     top = float(_HEAD + _TITLE)
     stage = "Around the start, viewed coarsely" if finer else "Around the start"
     _draw_map(figure, (_LEFT, top, _MAP, _MAP_HIGH), found, candidate.start, result, scale, stage)
-    bar = add_axes(figure, _LEFT + _MAP + 16, top, _BAR, _MAP_HIGH)
+    bar = canvas.add_axes(figure, _LEFT + _MAP + 16, top, _BAR, _MAP_HIGH)
     figure.colorbar(ScalarMappable(scale, _COLORS), cax=bar, label="agreement of drawing and image")
     bar.tick_params(labelsize=9)
     _draw_views(figure, *_beside_map(found.patch, top), found, candidate, result)
     if finer:
         _draw_finer(figure, top + _MAP_HIGH + _AXIS + _TITLE, found, candidate, result, scale)
-    add_legend(figure, figure.get_size_inches()[1] * 100 - _FOOT + 2, *figure.axes, columns=6)
+    canvas.add_legend(figure, figure.get_size_inches()[1] * 100 - _FOOT + 2, *figure.axes, columns=6)
     return figure
 
 
@@ -144,12 +130,12 @@ def _draw_map(
     title: str,
 ) -> None:
     """Draw the score over distance and yaw, with what stands out in it."""
-    axes = add_axes(figure, *place)
-    add_text(figure, place[0], place[1] - 20, title, size=10.5)
+    axes = canvas.add_axes(figure, *place)
+    canvas.add_text(figure, place[0], place[1] - 20, title, size=10.5)
     on, grid = SearchAxes.of(found.patch), found.found.grid
     yaws, ranges = np.degrees(on.yaws(grid.turns)), on.ranges(grid.ranges)
     axes.pcolormesh(ranges, yaws, found.found.score, cmap=_COLORS, norm=scale, shading="nearest")
-    axes.set(xlabel="distance from the camera (m)", ylabel=f"yaw ({DEGREE})", facecolor="#eef0f3")
+    axes.set(xlabel="distance from the camera (m)", ylabel=f"yaw ({canvas.DEGREE})", facecolor="#eef0f3")
     peaks = [on.place(peak.pose) for peak in found.found.peaks]
     points = [*peaks, *([] if result.pose is None else [on.place(result.pose)])]
     if start is not None:
@@ -157,7 +143,9 @@ def _draw_map(
     _set_limits(axes, ranges, yaws, np.array(points))
     if start is not None:
         yaw, away = on.place(start)
-        axes.plot(away, np.degrees(yaw), "s", color=STARTED, markersize=9, markeredgecolor=INK, label="start")
+        axes.plot(
+            away, np.degrees(yaw), "s", color=canvas.STARTED, markersize=9, markeredgecolor=canvas.INK, label="start"
+        )
     _mark_peaks(axes, np.array(peaks))
     if result.pose is not None:
         _mark_result(axes, on, result, is_keyed=start is not None)
@@ -179,7 +167,7 @@ def _mark_peaks(axes: Axes, peaks: FloatArray) -> None:
         text = axes.annotate(numbers, at, xytext=(0, 15), textcoords="offset points", ha="center", va="center")
         text.set(size=10, weight="bold", color="white", path_effects=[_HALO], zorder=5)
     (marks,) = axes.plot(*places.T, "o", label="peaks, the best is 1", zorder=4)
-    marks.set(color="white", markersize=6.5, markeredgecolor=INK)
+    marks.set(color="white", markersize=6.5, markeredgecolor=canvas.INK)
 
 
 def _set_limits(axes: Axes, ranges: FloatArray, yaws: FloatArray, points: FloatArray) -> None:
@@ -208,14 +196,13 @@ def _mark_result(axes: Axes, on: SearchAxes, result: _Result, *, is_keyed: bool)
         unit = np.diag([180 / np.pi, 1.0])
         covariance = (unit @ on.covariance(result.covariance) @ unit)[::-1, ::-1]
         reach = 2 * np.sqrt(np.diag(covariance))
-        label += (
-            f" {PLUS_MINUS} {1000 * reach[0]:.0f} mm, {PLUS_MINUS} {reach[1]:.2f}{DEGREE} (two standard deviations)"
-        )
+        mm, degrees = f"{1000 * reach[0]:.0f} mm", f"{reach[1]:.2f}{canvas.DEGREE}"
+        label += f" {canvas.PLUS_MINUS} {mm}, {canvas.PLUS_MINUS} {degrees} (two standard deviations)"
         pixels = np.abs(axes.transData.transform(at + reach) - axes.transData.transform(at))
         ring = bool(pixels.max() < 2 * _SMALL_PX)
         if not ring:
             _draw_ellipse(axes, at, covariance, result.color)
-    for ink, line in ((INK, 4.6), (result.color, 2.4)):
+    for ink, line in ((canvas.INK, 4.6), (result.color, 2.4)):
         (mark,) = axes.plot(*at, "o", markerfacecolor="none", markeredgecolor=ink, markeredgewidth=line)
         mark.set_markersize(20.0 if ring else 7.0)
     if is_keyed:
@@ -227,7 +214,7 @@ def _draw_ellipse(axes: Axes, at: tuple[float, float], covariance: FloatArray, c
     values, vectors = np.linalg.eigh(covariance)
     angle = float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])))
     minor, major = 4 * np.sqrt(np.maximum(values, 0.0))
-    for ink, line in ((INK, 4.2), (color, 2.0)):
+    for ink, line in ((canvas.INK, 4.2), (color, 2.0)):
         axes.add_patch(Ellipse(at, major, minor, angle=angle, fill=False, edgecolor=ink, linewidth=line, zorder=2.5))
 
 
@@ -240,20 +227,20 @@ def _draw_finer(
     figure: Figure, top: float, found: Search, candidate: Candidate, result: _Result, scale: Normalize
 ) -> None:
     finer = _best_first(found)
-    width = (WIDTH_PX - _LEFT - _RIGHT - (len(finer) - 1) * _GAP) / max(len(finer), 2)
+    width = (canvas.WIDTH_PX - _LEFT - _RIGHT - (len(finer) - 1) * _GAP) / max(len(finer), 2)
     order = {id(search): i for i, search in enumerate(found.finer, start=1)}
     for i, search in enumerate(finer):
         place = (_LEFT + i * (width + _GAP), top, width, _FINER_HIGH)
         _draw_map(figure, place, search, None, result, scale, f"Closer view {order[id(search)]}, around a peak")
     below = top + _FINER_HIGH + _AXIS + _TITLE
-    half = (WIDTH_PX - _LEFT - _RIGHT - _GAP) / 2
+    half = (canvas.WIDTH_PX - _LEFT - _RIGHT - _GAP) / 2
     size = _size(finer[0].patch, half, _FINER_VIEW_HIGH)
     _draw_views(figure, [(_LEFT, below), (_LEFT + half + _GAP, below)], size, finer[0], candidate, result)
 
 
 def _beside_map(patch: FacePatch, top: float) -> tuple[list[tuple[float, float]], tuple[float, float]]:
     """Return the places of two views beside the map and their size: one above the other or side by side."""
-    width = WIDTH_PX - _RIGHT - _VIEWS_LEFT
+    width = canvas.WIDTH_PX - _RIGHT - _VIEWS_LEFT
     above = _size(patch, width, _VIEW_HIGH)
     aside = _size(patch, (width - _GAP) / 2, _MAP_HIGH)
     if aside[0] > above[0]:
@@ -262,7 +249,7 @@ def _beside_map(patch: FacePatch, top: float) -> tuple[list[tuple[float, float]]
 
 
 def _views_height(found: Search) -> float:
-    width = (WIDTH_PX - _LEFT - _RIGHT - _GAP) / 2
+    width = (canvas.WIDTH_PX - _LEFT - _RIGHT - _GAP) / 2
     return _size(found.patch, width, _FINER_VIEW_HIGH)[1]
 
 
@@ -285,13 +272,13 @@ def _draw_views(
     best = found.found.peaks[0]
     poses = [(best.pose, _PEAK, f"At the best peak, score {best.score:.2f}")]
     if result.pose is None:
-        poses.append((candidate.start, STARTED, "At the start: no pose was fitted"))
+        poses.append((candidate.start, canvas.STARTED, "At the start: no pose was fitted"))
     else:
         poses.append((result.pose, result.color, f"At the {result.label}"))
     for (left, top), (pose, color, title) in zip(places, poses, strict=True):
-        axes = add_axes(figure, left, top, *size)
-        add_text(figure, left, top - 20, title, size=10.5)
-        show_view(axes, found.patch.view)
+        axes = canvas.add_axes(figure, left, top, *size)
+        canvas.add_text(figure, left, top - 20, title, size=10.5)
+        canvas.show_view(axes, found.patch.view)
         axes.set(xlim=axes.get_xlim(), ylim=axes.get_ylim())
         if left == places[0][0]:
             axes.set_ylabel("up (m)")

@@ -10,22 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from palletloc.candidate import Fit, Refusal
-from palletloc.drawing.canvas import (
-    DPI,
-    FAINT,
-    GRID,
-    INK,
-    MEASURED,
-    REFUSED,
-    SERIES,
-    WIDTH_PX,
-    add_axes,
-    add_legend,
-    add_text,
-    halo,
-    new_figure,
-    show_view,
-)
+from palletloc.drawing import canvas
 from palletloc.drawing.outline import place_outline, seen_on_plane
 from palletloc.explained import Named
 from palletloc.geometry import FloatArray
@@ -35,7 +20,7 @@ from palletloc.shelf_view import ShelfView
 _Outlined = tuple[str, Fit | Refusal, list[FloatArray]]
 """A candidate's name, what became of it, and the lines of its face as a view shows them."""
 
-_HALO = halo(2.5)
+_HALO = canvas.halo(2.5)
 """Around names on the views."""
 _ABOVE, _BELOW, _BESIDE = 0.40, 0.30, 0.5
 """Space around the outlines, in metres."""
@@ -72,36 +57,26 @@ class _Band:
 
 
 def shelf_figure(views: Sequence[ShelfView], candidates: Named) -> Figure:
-    """Draw what was searched for pallets, with every place that was tried.
+    """Draw what was searched for pallets, with every place that was tried, by name.
 
-    Parameters
-    ----------
-    views : sequence of ShelfView
-        A band for each known level, or the whole plane.
-    candidates : sequence of (str, Fit or Refusal)
-        What became of them, with their names.
-
-    Returns
-    -------
-    Figure
-        The highest band on top; below each the scores of the places.
+    The highest band is on top; below each stand the scores of the places.
     """
     bands = _bands(sorted(views, key=lambda seen: -seen.view.grid.top), candidates)
-    width = WIDTH_PX - _LEFT - _RIGHT
+    width = canvas.WIDTH_PX - _LEFT - _RIGHT
     heights = [band.height * width / band.width for band in bands]
-    figure = new_figure(_HEAD + sum(heights) + len(bands) * (_CHART + 2 * _GAP) + _FOOT)
+    figure = canvas.new_figure(_HEAD + sum(heights) + len(bands) * (_CHART + 2 * _GAP) + _FOOT)
     found = sum(isinstance(outcome, Fit) for _, outcome in candidates)
     title = f"Nominal front plane of the shelf: {len(candidates)} places tried, {found} pallets found"
-    add_text(figure, _LEFT, 14, title, size=13, bold=True)
+    canvas.add_text(figure, _LEFT, 14, title, size=13, bold=True)
     top = float(_HEAD)
     for band, height in zip(bands, heights, strict=True):
-        view_axes = add_axes(figure, _LEFT, top, width, height)
-        score_axes = add_axes(figure, _LEFT, top + height + _GAP, width, _CHART)
+        view_axes = canvas.add_axes(figure, _LEFT, top, width, height)
+        score_axes = canvas.add_axes(figure, _LEFT, top + height + _GAP, width, _CHART)
         _draw_view(view_axes, band)
         _draw_scores(score_axes, band)
         top += height + _CHART + 2 * _GAP
     score_axes.set_xlabel("along the shelf, to the right of the point nearest to the camera (m)")
-    add_legend(figure, top + 12, view_axes)
+    canvas.add_legend(figure, top + 12, view_axes)
     return figure
 
 
@@ -168,14 +143,14 @@ def _share_inside(seen: ShelfView, lines: Sequence[FloatArray]) -> float:
 
 
 def _draw_view(axes: Axes, band: _Band) -> None:
-    show_view(axes, band.view)
+    canvas.show_view(axes, band.view)
     left, right, bottom, top = band.limits
     axes.set(xlim=(left, right), ylim=(bottom, top), ylabel="height (m)")
-    axes.plot([], [], color=MEASURED, linewidth=2.5, label="pallet, as measured")
-    axes.plot([], [], color=REFUSED, linewidth=1.3, linestyle="--", label="given up, as detected")
+    axes.plot([], [], color=canvas.MEASURED, linewidth=2.5, label="pallet, as measured")
+    axes.plot([], [], color=canvas.REFUSED, linewidth=1.3, linestyle="--", label="given up, as detected")
     for name, outcome, lines in sorted(band.outlines, key=lambda outlined: isinstance(outlined[1], Fit)):
         found = isinstance(outcome, Fit)
-        color, width, style = (MEASURED, 2.0, "-") if found else (REFUSED, 0.9, "--")
+        color, width, style = (canvas.MEASURED, 2.0, "-") if found else (canvas.REFUSED, 0.9, "--")
         for line in lines:
             axes.plot(*line.T, color=color, linewidth=width, linestyle=style, clip_on=True)
         if found:
@@ -187,7 +162,7 @@ def _draw_view(axes: Axes, band: _Band) -> None:
 
 def _draw_scores(axes: Axes, band: _Band) -> None:
     """Draw the score of each place over its middle."""
-    axes.grid(color=GRID, linewidth=0.6)
+    axes.grid(color=canvas.GRID, linewidth=0.6)
     axes.set_axisbelow(True)
     scores = [outcome.candidate.score for _, outcome, _ in band.outlines] or [0.0, 1.0]
     low, high = min(scores) - 0.06, max(scores) + 0.16
@@ -195,7 +170,7 @@ def _draw_scores(axes: Axes, band: _Band) -> None:
     labels = []
     for name, outcome, lines in band.outlines:
         place, found = float(np.nanmean(np.concatenate(lines)[:, 0])), isinstance(outcome, Fit)
-        mark, color = ("o", SERIES[2]) if found else ("x", REFUSED)
+        mark, color = ("o", canvas.SERIES[2]) if found else ("x", canvas.REFUSED)
         axes.plot(place, outcome.candidate.score, mark, color=color, markersize=6)
         labels.append(Label(place, outcome.candidate.score, name, found))
     write_labels(axes, labels)
@@ -216,20 +191,12 @@ class Label:
 
 
 def write_labels(axes: Axes, labels: Sequence[Label]) -> None:
-    """Write names beside their points; one that finds no room is left out.
-
-    Parameters
-    ----------
-    axes : Axes
-        With its final limits and place.
-    labels : sequence of Label
-        All points of the chart.
-    """
+    """Write names beside all points of a chart with final limits; one that finds no room is left out."""
     places = axes.transData.transform([(label.x, label.y) for label in labels] or np.zeros((0, 2)))
     taken = [_box(place, (_POINT_PX, _POINT_PX)) for place in places]
     for label, place in sorted(zip(labels, places, strict=True), key=lambda pair: not pair[0].important):
-        size, weight, color = (10, "bold", INK) if label.important else (8, "normal", FAINT)
-        extent = (0.72 * len(label.text) * size * DPI / 72, 1.15 * size * DPI / 72)
+        size, weight, color = (10, "bold", canvas.INK) if label.important else (8, "normal", canvas.FAINT)
+        extent = (0.72 * len(label.text) * size * canvas.DPI / 72, 1.15 * size * canvas.DPI / 72)
         center = _free_place(axes, place, extent, taken)
         if center is None and not label.important:
             continue

@@ -24,7 +24,7 @@ class TableError(InputError):
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One row of a csv file, whose cells are checked as they are taken out."""
+    """One row of a csv file, whose cells are checked as they are taken out: `TableError` says what is wrong."""
 
     path: Path
     """The file."""
@@ -38,13 +38,7 @@ class Row:
         return TableError(f"{self.path}, line {self.line}: {problem}")
 
     def number(self, column: str) -> float:
-        """Return a finite number.
-
-        Raises
-        ------
-        TableError
-            If the cell holds anything else.
-        """
+        """Return a finite number."""
         cell = self.cells[column]
         try:
             # Python reads "1_000" as a number; no program that writes csv means that.
@@ -60,25 +54,13 @@ class Row:
         return [self.number(column) for column in columns]
 
     def text(self, column: str) -> str:
-        """Return a text that is not empty.
-
-        Raises
-        ------
-        TableError
-            If the cell is empty.
-        """
+        """Return a text that is not empty."""
         if not self.cells[column]:
             raise self.fault(f"{column}: expected a text, got nothing")
         return self.cells[column]
 
     def choice(self, column: str, choices: type[_Choice]) -> _Choice:
-        """Return one of the words of an enumeration.
-
-        Raises
-        ------
-        TableError
-            If the cell holds another word; names the nearest.
-        """
+        """Return one of the words of an enumeration."""
         cell = self.cells[column]
         try:
             return choices(cell)

@@ -59,13 +59,7 @@ def measurement_cells(measured: PalletMeasurement | NoPose) -> list[str]:
 
 
 def pose_cells(pose: LevelPose, covariance: FloatArray) -> list[str]:
-    """Return the cells of `POSE_COLUMNS` and `COVARIANCE_COLUMNS`.
-
-    Raises
-    ------
-    ValueError
-        If a value is not finite.
-    """
+    """Return the cells of `POSE_COLUMNS` and `COVARIANCE_COLUMNS`; errors as for `format_number`."""
     if not np.isfinite(covariance).all():
         raise ValueError(f"expected a finite covariance to write, got {covariance}")
     cells = [format_number(float(value)) for value in pose.as_array()]
@@ -78,13 +72,7 @@ def refusal_cells(refusal: RefusedCandidate) -> list[str]:
 
 
 def format_time(time: float) -> str:
-    """Return a time with all of its digits, so that it finds its shot again.
-
-    Raises
-    ------
-    ValueError
-        If it is not finite.
-    """
+    """Return a time with all of its digits, so that it finds its shot again; errors as for `format_number`."""
     if not math.isfinite(time):
         raise ValueError(f"expected a finite time to write, got {time}")
     return repr(float(time))
@@ -154,35 +142,17 @@ def read_covariance(row: Row) -> FloatArray:
 
 
 def read_pose(row: Row) -> LevelPose:
-    """Return the level pose of a row that has `POSE_COLUMNS`.
-
-    Raises
-    ------
-    TableError
-        If a cell is not a finite number.
-    """
+    """Return the level pose of a row that has `POSE_COLUMNS`; errors as for `Row.number`."""
     return LevelPose(*row.numbers(POSE_COLUMNS))
 
 
 def write_refusals(path: Path, refusals: Iterable[RefusedCandidate]) -> None:
-    """Write refusals.csv, whole or not at all.
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written.
-    """
+    """Write refusals.csv; errors as for `write_measurements`."""
     write_rows(path, REFUSAL_COLUMNS, (refusal_cells(refusal) for refusal in refusals))
 
 
 def read_refusals(path: str | Path) -> tuple[RefusedCandidate, ...]:
-    """Read refusals.csv.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read or a row is wrong; names the line.
-    """
+    """Read refusals.csv; errors as for `read_measurements`."""
     return tuple(
         RefusedCandidate(
             row.number("time_s"),

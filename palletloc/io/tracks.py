@@ -47,13 +47,7 @@ class TrackRow:
 
 
 def write_tracks(path: Path, rows: Iterable[TrackRow]) -> None:
-    """Write tracks.csv, whole or not at all.
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written.
-    """
+    """Write tracks.csv; errors as for `write_measurements`."""
     write_rows(path, TRACK_COLUMNS, (_track_cells(row) for row in rows))
 
 

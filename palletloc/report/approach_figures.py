@@ -64,18 +64,8 @@ class _Panel:
 def approach_figure(run: EvaluatedRun, requirement: Requirement) -> Figure:
     """Draw the errors of yaw and depth over time, one column for each pallet.
 
-    Parameters
-    ----------
-    run : EvaluatedRun
-        The run.
-    requirement : Requirement
-        Whose limits are drawn.
-
-    Returns
-    -------
-    Figure
-        Dots with bars are single shots, lines with bands tracks, diamonds single shots against the survey with the
-        uncertainty of both; bars and bands reach two standard deviations to either side.
+    Dots with bars are single shots, lines with bands tracks, diamonds single shots against the survey with the
+    uncertainty of both; bars and bands reach two standard deviations to either side.
     """
     panels = _panels(run)
     rows = [panels[first : first + _BESIDE] for first in range(0, len(panels), _BESIDE)]
@@ -203,17 +193,7 @@ def _of_all(groups: Sequence[Sequence[PoseError]], values: Callable[[Sequence[Po
 def aisle_figure(truth: RecordingTruth, run: EvaluatedRun) -> Figure:
     """Draw a map in the world frame; without a path of the forklift, in its frame at the first stop.
 
-    Parameters
-    ----------
-    truth : RecordingTruth
-        The truth.
-    run : EvaluatedRun
-        The run.
-
-    Returns
-    -------
-    Figure
-        True pallets as outlines with thick fronts, estimates as marks, false ones as crosses, the path as a line.
+    True pallets are outlines with thick fronts, estimates marks, false ones crosses, the path a line.
     """
     models = {model.name: model for model in truth.recording.models}
     pallets, path, carried = _world(truth, run)

@@ -12,40 +12,32 @@ from palletloc.drawing.stages import Picture
 from palletloc.evaluation.pose_error import PoseError, offsets
 from palletloc.evaluation.run import SHOTS_SOURCE, EvaluatedRun, EvaluatedSource, Settings
 from palletloc.io.tracks import TrackRow
-from palletloc.report.page import (
-    Column,
-    Link,
-    commands,
-    heading,
-    key_figures,
-    listing,
-    page,
-    paragraph,
-    picture,
-    table,
-)
+from palletloc.report import page as html
 from palletloc.report.source_style import DEPTH, QUANTITIES, STYLES, YAW, Quantity
 
 _COLUMNS = (
-    Column("pallet", is_text=True),
-    Column("shot", is_text=True),
-    Column("range m"),
-    *(Column(f"{quantity.label} {quantity.unit}") for quantity in QUANTITIES),
+    html.Column("pallet", is_text=True),
+    html.Column("shot", is_text=True),
+    html.Column("range m"),
+    *(html.Column(f"{quantity.label} {quantity.unit}") for quantity in QUANTITIES),
 )
 """Columns of the table of single shots."""
 _TRACKS = (
-    Column("track"),
-    Column("model", is_text=True),
-    Column("shots"),
-    *(Column(name) for name in ("x m", "y m", "z m", f"yaw {DEGREE}", f"{PLUS_MINUS} mm", f"{PLUS_MINUS} {DEGREE}")),
+    html.Column("track"),
+    html.Column("model", is_text=True),
+    html.Column("shots"),
+    *(
+        html.Column(name)
+        for name in ("x m", "y m", "z m", f"yaw {DEGREE}", f"{PLUS_MINUS} mm", f"{PLUS_MINUS} {DEGREE}")
+    ),
 )
 """Columns of the table of tracks."""
 _SOURCES = (
-    Column("source", is_text=True),
-    Column("found"),
-    *(Column(f"{quantity.label} {quantity.unit}") for quantity in QUANTITIES),
-    Column(f"within 2 {SIGMA}"),
-    Column("inside"),
+    html.Column("source", is_text=True),
+    html.Column("found"),
+    *(html.Column(f"{quantity.label} {quantity.unit}") for quantity in QUANTITIES),
+    html.Column(f"within 2 {SIGMA}"),
+    html.Column("inside"),
 )
 """Columns of the table of sources."""
 _STEPS = {
@@ -67,14 +59,14 @@ _STEPS = {
 }
 """What each picture of a step shows, by the beginning of its name."""
 _FILES = (
-    (Link("report.html", "report.html"), "the evaluation: verdict, figures, every stage of the worst shots"),
-    (Link("metrics.json", "metrics.json"), "the evaluation in numbers"),
-    (Link("errors.csv", "errors.csv"), "each pose minus the truth, with its standard deviations"),
-    (Link("measurements.csv", "measurements.csv"), "one row for each pallet and shot: pose, covariance, score"),
-    (Link("refusals.csv", "refusals.csv"), "candidates that were given up, with the step and the reason"),
-    (Link("tracks.csv", "tracks.csv"), "one row for each track and shot, as it was known then"),
-    (Link("tracks_smoothed.csv", "tracks_smoothed.csv"), "the same as all shots together know it"),
-    (Link("events.csv", "events.csv"), "what became of every measurement and track"),
+    (html.Link("report.html", "report.html"), "the evaluation: verdict, figures, every stage of the worst shots"),
+    (html.Link("metrics.json", "metrics.json"), "the evaluation in numbers"),
+    (html.Link("errors.csv", "errors.csv"), "each pose minus the truth, with its standard deviations"),
+    (html.Link("measurements.csv", "measurements.csv"), "one row for each pallet and shot: pose, covariance, score"),
+    (html.Link("refusals.csv", "refusals.csv"), "candidates that were given up, with the step and the reason"),
+    (html.Link("tracks.csv", "tracks.csv"), "one row for each track and shot, as it was known then"),
+    (html.Link("tracks_smoothed.csv", "tracks_smoothed.csv"), "the same as all shots together know it"),
+    (html.Link("events.csv", "events.csv"), "what became of every measurement and track"),
     ("tracks/, tracks_smoothed/", "the tracks as paths in TUM form"),
     ("pictures/", "the pictures of this page, and explain.json with every number behind them"),
 )
@@ -120,29 +112,23 @@ class DemoResult:
 
 
 def demo_page(result: DemoResult) -> str:
-    """Return the page.
-
-    Parameters
-    ----------
-    result : DemoResult
-        What to show.
-    """
+    """Return the page that shows a result."""
     parts = (_summary(result), _steps(result), _tracks(result), _truth(result), _next())
-    return page("palletloc demo", [html for part in parts for html in part])
+    return html.page("palletloc demo", [piece for part in parts for piece in part])
 
 
 def _summary(result: DemoResult) -> Iterator[str]:
     shots, (width, height) = result.run.sources[SHOTS_SOURCE], result.size
     found = shots.detection.found
-    yield heading("Where the pallets stand, from 360-degree shots", level=1)
-    yield paragraph(
+    yield html.heading("Where the pallets stand, from 360-degree shots", level=1)
+    yield html.paragraph(
         f"A forklift drives along a rack and takes {len(shots.shots)} shots with a 360-degree camera. Each shot alone"
         " tells where every pallet stands and which way it faces, and how sure that is; with the odometry, pallets"
         " are followed from shot to shot. The images are renderings, so the true poses are known exactly, and this"
         " page compares.",
         "lead",
     )
-    yield key_figures(
+    yield html.key_figures(
         [
             (found.counted, "pallets found that had to be, single shots"),
             (f"{_middle(shots, YAW):.2f}{DEGREE}", "median error of yaw"),
@@ -159,8 +145,8 @@ def _middle(source: EvaluatedSource, quantity: Quantity) -> float:
 
 
 def _steps(result: DemoResult) -> Iterator[str]:
-    yield heading("How one shot is measured")
-    yield paragraph(
+    yield html.heading("How one shot is measured")
+    yield html.paragraph(
         "Every stage of the shot above. Green is what was measured, yellow what it began with, pink what was given"
         " up. Pallets are named from left to right; the steps are those of one of them."
     )
@@ -174,20 +160,20 @@ def _shown(result: DemoResult, stage: str, caption: str) -> str:
     """Return the picture of a stage, or nothing where there is none."""
     for drawn in result.pictures:
         if drawn.stage == stage:
-            return picture(f"{result.folder}/{drawn.file}", caption, keep_wide=stage != "5-overlay")
+            return html.picture(f"{result.folder}/{drawn.file}", caption, keep_wide=stage != "5-overlay")
     return ""
 
 
 def _tracks(result: DemoResult) -> Iterator[str]:
-    yield heading("Followed over the approach")
-    yield paragraph(
+    yield html.heading("Followed over the approach")
+    yield html.paragraph(
         "The poses of all shots are fused with the odometry. A track is what is known of one pallet up to a shot, and"
         " counts as a pallet after a few of them; smoothed, it is what all shots together say of that moment."
     )
     caption = "Errors of single shots, tracks and smoothed tracks over the approach."
-    yield picture("tracks.png", caption, keep_wide=True)
-    yield paragraph("Every track as it was last known, in the frame of the forklift at that time:")
-    yield table(_TRACKS, (_track(row) for row in result.tracks))
+    yield html.picture("tracks.png", caption, keep_wide=True)
+    yield html.paragraph("Every track as it was last known, in the frame of the forklift at that time:")
+    yield html.table(_TRACKS, (_track(row) for row in result.tracks))
 
 
 def _track(row: TrackRow) -> list[str]:
@@ -203,20 +189,20 @@ def _track(row: TrackRow) -> list[str]:
 
 def _truth(result: DemoResult) -> Iterator[str]:
     asked = result.settings.requirement
-    yield heading("Against the truth")
-    yield paragraph(
+    yield html.heading("Against the truth")
+    yield html.paragraph(
         "Measured minus true: depth is into the shelf, along is to the pallet's left. Median and 95 % of the absolute"
         " errors, how many of all errors lie within two of the standard deviations that the poses state, and how many"
         f" poses are inside what is required by default: {1000 * asked.depth:g} mm and"
         f" {np.degrees(asked.yaw):g}{DEGREE}. The evaluation beside this page, report.html, has more."
     )
-    yield table(_SOURCES, (_source(name, source) for name, source in result.sources.items()))
-    yield paragraph(
+    yield html.table(_SOURCES, (_source(name, source) for name, source in result.sources.items()))
+    yield html.paragraph(
         "Every single shot; the pallets have the scene's names here. One that is level with the camera shows no"
         " horizontal plane: its face alone gives its yaw, less exactly."
     )
     shots = result.run.sources[SHOTS_SOURCE].shots
-    yield table(_COLUMNS, (_row(error) for shot in shots for error in (*shot.errors, *shot.beyond)))
+    yield html.table(_COLUMNS, (_row(error) for shot in shots for error in (*shot.errors, *shot.beyond)))
 
 
 def _source(name: str, source: EvaluatedSource) -> list[str]:
@@ -236,12 +222,12 @@ def _row(error: PoseError) -> list[str]:
 
 
 def _next() -> Iterator[str]:
-    yield heading("What lies beside this page")
-    yield listing(_FILES)
-    yield heading("Your own recording")
-    yield paragraph(
+    yield html.heading("What lies beside this page")
+    yield html.listing(_FILES)
+    yield html.heading("Your own recording")
+    yield html.paragraph(
         "A recording is a folder: images with their times (shots.csv), the odometry (odometry.csv), and one"
         " recording.yaml that says what the camera is, how it is mounted on the forklift, where the front of the"
         " shelf roughly is, and which pallets to look for. The file docs/files.md describes each of them."
     )
-    yield commands(_OWN)
+    yield html.commands(_OWN)

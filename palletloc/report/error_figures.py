@@ -30,17 +30,7 @@ _LEAST = {DEGREE: 0.003, "mm": 0.1}
 def histogram_figure(run: EvaluatedRun, requirement: Requirement) -> Figure:
     """Draw histograms of the errors of yaw, depth, along and height, sources on top of one another.
 
-    Parameters
-    ----------
-    run : EvaluatedRun
-        The run.
-    requirement : Requirement
-        Whose limits are drawn.
-
-    Returns
-    -------
-    Figure
-        Each bar is the part of a source's errors in its bin; how many lie outside the axes is written there.
+    Each bar is the part of a source's errors in its bin; how many lie outside the axes is written there.
     """
     explained = "Part of the errors of each source. Dotted: the requirement, where it is near"
     figure = titled_figure(_HEAD + _HEIGHT + _FOOT, f"{run.files.name}: how the errors are spread", explained)
@@ -81,17 +71,7 @@ def _draw_histograms(axes: Axes, run: EvaluatedRun, quantity: Quantity, requirem
 def distance_figure(run: EvaluatedRun, settings: Settings) -> Figure:
     """Draw absolute errors of yaw and depth against the pallets' true distance from the camera.
 
-    Parameters
-    ----------
-    run : EvaluatedRun
-        The run.
-    settings : Settings
-        Gives the bins and the limits of the requirement.
-
-    Returns
-    -------
-    Figure
-        A mark for each error, a line through the medians of the bins; logarithmic scales.
+    A mark stands for each error, a line goes through the medians of the bins; the scales are logarithmic.
     """
     each = "half metre" if settings.bin_width == 0.5 else f"{settings.bin_width:g} m"
     explained = f"Absolute errors; lines: median of each {each}; dotted: the requirement; logarithmic scales"
@@ -131,17 +111,9 @@ def _draw_source(axes: Axes, source: EvaluatedSource, name: str, quantity: Quant
 
 
 def comparison_figure(compared: Sequence[ComparedRuns]) -> Figure:
-    """Draw the mean differences of the absolute errors with their intervals.
+    """Draw the mean differences of the absolute errors, of one comparison at least, with their intervals.
 
-    Parameters
-    ----------
-    compared : sequence of ComparedRuns
-        At least one.
-
-    Returns
-    -------
-    Figure
-        One panel for each quantity, one row for each comparison; left of the line the later run is better.
+    Each quantity has a panel, each comparison a row; left of the line the later run is better.
     """
     head, row_px, foot = 76, 34, 60
     height = row_px * (len(compared) + 0.6)
@@ -169,19 +141,9 @@ def comparison_figure(compared: Sequence[ComparedRuns]) -> Figure:
 
 
 def batch_figure(results: Sequence[BatchResult], requirement: Requirement) -> Figure:
-    """Draw median and 95 % of the absolute errors of each recording.
+    """Draw median and 95 % of the absolute errors of each recording that has results, in their order.
 
-    Parameters
-    ----------
-    results : sequence of BatchResult
-        In the order of the rows; those without results are left out.
-    requirement : Requirement
-        Whose limits are drawn.
-
-    Returns
-    -------
-    Figure
-        One panel for each quantity, and in each row one mark for each run and source.
+    Each quantity has a panel, and in each row each run and source a mark.
     """
     shown = [result for result in results if result.totals]
     head, row_px, foot = 104, 26, 56

@@ -15,17 +15,9 @@ from palletloc.evaluation.requirement import RequirementCheck, Verdict
 from palletloc.evaluation.run import EvaluatedRun, EvaluatedSource, Settings
 from palletloc.evaluation.statistics import chi_square_check
 from palletloc.evaluation.truth import RecordingTruth
+from palletloc.report import evaluation_sections as sections
 from palletloc.report.approach_figures import aisle_figure, approach_figure
 from palletloc.report.error_figures import distance_figure, histogram_figure
-from palletloc.report.evaluation_sections import (
-    GROUPS,
-    STOPS,
-    comparison_parts,
-    distance_rows,
-    pallet_rows,
-    stop_rows,
-    survey_parts,
-)
 from palletloc.report.page import Column, embedded, folded, heading, key_figures, page, paragraph, picture, table
 from palletloc.report.source_style import NONE, QUANTITIES, STYLES
 from palletloc.report.worst_shots import ShotStages, WorstShot, worst_shots
@@ -48,28 +40,18 @@ _SUMMARY = (
 
 
 def evaluation_page(evaluated: EvaluatedRecording, *, with_pictures: bool = True, worst: int | None = None) -> str:
-    """Return the page.
-
-    Parameters
-    ----------
-    evaluated : EvaluatedRecording
-        The recording with its runs.
-    with_pictures : bool
-        Whether to show the images and stages of the worst shots.
-    worst : int, optional
-        How many shots these are.
-    """
+    """Return the page of a recording with its runs, with or without images and stages of some worst shots."""
     truth, runs, settings = evaluated.truth, evaluated.runs, evaluated.settings
     name = truth.recording.folder.resolve().name
     parts = [heading(f"{name}: measured against the truth", level=1), *_setting(truth, runs[0], settings)]
     if evaluated.compared:
-        parts += comparison_parts(evaluated.compared)
+        parts += sections.comparison_parts(evaluated.compared)
     for run in runs:
         parts += _run(truth, run, settings)
         shown = worst_shots(run, truth.recording, settings.requirement, with_pictures=with_pictures, number=worst)
         parts += _worst(shown)
     if truth.surveyed is not None:
-        parts += survey_parts(truth.surveyed, truth, settings.stop_limit)
+        parts += sections.survey_parts(truth.surveyed, truth, settings.stop_limit)
     return page(f"{name}: evaluation", parts)
 
 
@@ -136,9 +118,9 @@ def _run(truth: RecordingTruth, run: EvaluatedRun, settings: Settings) -> Iterat
     yield picture(embedded(small_png(aisle_figure(truth, run))), caption, keep_wide=True)
     yield heading("By distance", level=3)
     yield paragraph("Median and 95 % of the absolute errors.")
-    yield table(GROUPS, distance_rows(run, settings))
+    yield table(sections.GROUPS, sections.distance_rows(run, settings))
     yield heading("By pallet", level=3)
-    yield table(GROUPS, pallet_rows(run))
+    yield table(sections.GROUPS, sections.pallet_rows(run))
     if any(source.stops for source in run.sources.values()):
         yield heading("At the surveyed stops", level=3)
         yield paragraph(
@@ -146,7 +128,7 @@ def _run(truth: RecordingTruth, run: EvaluatedRun, settings: Settings) -> Iterat
             " stop there is no repeatability. The last columns are the standard deviations of the truth itself; the"
             " end of this page says where they come from."
         )
-        yield table(STOPS, stop_rows(run))
+        yield table(sections.STOPS, sections.stop_rows(run))
 
 
 def _verdict(label: str, source: EvaluatedSource) -> Iterator[str]:

@@ -135,17 +135,7 @@ def _signed(value: float, digits: int) -> str:
 
 
 def survey_parts(surveyed: SurveyedTruth, truth: RecordingTruth, stop_limit: float) -> Iterator[str]:
-    """Yield the section about a survey.
-
-    Parameters
-    ----------
-    surveyed : SurveyedTruth
-        The survey.
-    truth : RecordingTruth
-        Whose survey it is.
-    stop_limit : float
-        How far a shot may be from the time of its stop, in seconds.
-    """
+    """Yield the section about a survey; a shot may be `stop_limit` seconds from the time of its stop."""
     agreement = truth.agreement
     bodies = [*(stop.forklift for stop in surveyed.stops), *surveyed.pallets]
     yield heading("The survey")

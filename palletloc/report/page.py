@@ -92,15 +92,7 @@ class Column:
 
 
 def page(title: str, parts: Iterable[str]) -> str:
-    """Return a whole page.
-
-    Parameters
-    ----------
-    title : str
-        Plain text.
-    parts : iterable of str
-        HTML, as the other functions here return it.
-    """
+    """Return a whole page: its title as plain text, and parts in HTML as the other functions here return it."""
     return _PAGE.substitute(title=escape(title), style=_STYLE, body="\n".join(parts))
 
 
@@ -122,16 +114,9 @@ def key_figures(figures: Iterable[tuple[str, str]]) -> str:
 
 
 def picture(source: str, caption: str, *, keep_wide: bool = False) -> str:
-    """Return a picture with its caption.
+    """Return a picture with its caption in plain text, which is also what is read aloud.
 
-    Parameters
-    ----------
-    source : str
-        Its file, relative to the page.
-    caption : str
-        Plain text, which is also what is read aloud.
-    keep_wide : bool
-        Whether a narrow screen scrolls it instead of making its texts unreadable.
+    A narrow screen scrolls one that keeps wide instead of making its texts unreadable.
     """
     text = escape(caption)
     image = f'<img src="{escape(source)}" alt="{text}" loading="lazy">'
@@ -147,15 +132,7 @@ def folded(summary: str, parts: Iterable[str], *, is_open: bool = False) -> str:
 
 
 def embedded(content: bytes, kind: str = "png") -> str:
-    """Return a source for `picture` that holds the picture itself.
-
-    Parameters
-    ----------
-    content : bytes
-        Of the file.
-    kind : str
-        ``png`` or ``jpeg``.
-    """
+    """Return a source for `picture` that holds the picture itself: a file's content, ``png`` or ``jpeg``."""
     return f"data:image/{kind};base64,{base64.b64encode(content).decode('ascii')}"
 
 

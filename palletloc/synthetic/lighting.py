@@ -38,15 +38,7 @@ is too faint to be seen."""
 
 
 def light_of(kind: Illumination, rng: np.random.Generator) -> Light:
-    """Return a light of some kind.
-
-    Parameters
-    ----------
-    kind : Illumination
-        The kind.
-    rng : numpy.random.Generator
-        Draws directions, tint and strength.
-    """
+    """Return a light of some kind, with directions, tint and strength drawn at random."""
     share = _KEY_SHARE[kind]
     low = kind is Illumination.WINDOW
     elevation = np.radians(rng.uniform(22, 40) if low else rng.uniform(50, 80))
@@ -141,13 +133,7 @@ class LightField:
 
 
 def light_field(scene: Scene) -> LightField:
-    """Work out the shadows of a scene.
-
-    Parameters
-    ----------
-    scene : Scene
-        Solids and light.
-    """
+    """Work out the shadows of a scene by its solids and light."""
     boxes = [box for solid in scene.solids for box in solid.blocks()]
     corners = [_corners(box) for box in boxes]
     thick = [i for i, box in enumerate(boxes) if sorted(box.size)[1] > _THIN]

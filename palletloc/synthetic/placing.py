@@ -31,15 +31,7 @@ class ShelfFrame:
         return 1.0 if self.side is Side.LEFT else -1.0
 
     def world(self, inwards: float, along: float, z: float, yaw: float = 0.0) -> LevelPose:
-        """Return the world pose of something in the shelf.
-
-        Parameters
-        ----------
-        inwards, along, z : float
-            Into the shelf, in the direction of travel, and up, in metres.
-        yaw : float
-            Turn to the left of straight into the shelf, in radians.
-        """
+        """Return the world pose of something so far into the shelf, along it and up, in metres, and its turn."""
         world_from_shelf = LevelPose(0.0, self.sign * self.distance, 0.0, self.sign * np.pi / 2)
         shelf_from_thing = LevelPose(inwards, -self.sign * along, z, yaw)
         return level_pose(world_from_shelf.transform() * shelf_from_thing.transform())

@@ -45,15 +45,7 @@ class TiledRays:
         return int(self.directions.shape[1])
 
     def moved(self, rotation: FloatArray, translation: FloatArray) -> TiledRays:
-        """Return the rays in another frame.
-
-        Parameters
-        ----------
-        rotation : (3, 3) array
-            Rotation of ``target_from_source``.
-        translation : (3,) array
-            Its translation, in metres.
-        """
+        """Return the rays in another frame: by rotation, (3, 3), and translation, (3,), of ``target_from_source``."""
         turn, shift = rotation.astype(np.float32), translation.astype(np.float32)[:, None]
         return TiledRays(
             turn @ self.origins + shift,

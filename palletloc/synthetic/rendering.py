@@ -38,13 +38,7 @@ class LitScene:
 
 
 def lit(scene: Scene) -> LitScene:
-    """Prepare a scene for any number of pictures.
-
-    Parameters
-    ----------
-    scene : Scene
-        What is there.
-    """
+    """Prepare a scene for any number of pictures."""
     return LitScene(scene, bounding_spheres(scene.solids) if scene.solids else None, light_field(scene))
 
 

@@ -26,15 +26,7 @@ _STEPS = 1 << 14
 
 
 def camera_of(kind: CameraKind, width: int) -> CameraModel:
-    """Return a camera of a kind.
-
-    Parameters
-    ----------
-    kind : CameraKind
-        The kind.
-    width : int
-        Of the image, in pixels; the height follows.
-    """
+    """Return a camera of a kind by the width of its image, in pixels; the height follows."""
     if kind is CameraKind.EQUIRECTANGULAR:
         return Equirectangular(width, width // 2)
     if kind is CameraKind.DUAL_FISHEYE:
@@ -67,16 +59,9 @@ def _side_lens(width: int, height: int, cx: float, yaw: float) -> FisheyeLens:
 
 
 def draw_mounting(kind: CameraKind, side: Side, rng: np.random.Generator) -> RigidTransform:
-    """Return where a camera is on the forklift.
+    """Return where a camera is on the forklift: height, place and small angles are drawn at random.
 
-    Parameters
-    ----------
-    kind : CameraKind
-        One with a single lens is turned to the shelf and down.
-    side : Side
-        Of the shelf.
-    rng : numpy.random.Generator
-        Draws height, place and small angles.
+    One with a single lens is turned to the shelf and down.
     """
     translation = np.round(rng.uniform([-0.1, -0.1, 1.5], [0.4, 0.1, 2.1]), 4)
     angles_deg = np.round(rng.uniform(-1.5, 1.5, 3), 3)

@@ -77,13 +77,7 @@ class Solid(Protocol):
         """Equal for solids with the same `distance`."""
 
     def distance(self, points: Samples) -> Samples:
-        """Return a lower bound of the distance to the surface, exact near it; negative inside.
-
-        Parameters
-        ----------
-        points : (3, N) array
-            In the body's frame, in metres.
-        """
+        """Return a lower bound of the distance of points, (3, N), to the surface: exact near it, negative inside."""
 
     def normals(self, points: Samples) -> Samples:
         """Return the (3, N) outward unit normals at points of the surface."""

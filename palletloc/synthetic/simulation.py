@@ -43,18 +43,7 @@ class Approach:
         return self.length / self.speed
 
     def poses(self, times: FloatArray) -> FloatArray:
-        """Return where the forklift is.
-
-        Parameters
-        ----------
-        times : (n,) array
-            Seconds from the start.
-
-        Returns
-        -------
-        (n, 3) array
-            x, y and yaw of ``world_from_forklift``.
-        """
+        """Return ``world_from_forklift`` at times, (n,) in seconds from the start: (n, 3) of x, y and yaw."""
         wave = 2 * np.pi / self.wavelength
         along = self.speed * np.asarray(times)
         across = self.winding * np.sin(wave * along + self.phase)

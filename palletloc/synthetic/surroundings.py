@@ -42,15 +42,7 @@ class Rack:
 
 
 def rack_boxes(rack: Rack, rng: np.random.Generator) -> list[Box]:
-    """Return uprights, beams and guards.
-
-    Parameters
-    ----------
-    rack : Rack
-        Where they are.
-    rng : numpy.random.Generator
-        Draws the colours and the guards.
-    """
+    """Return uprights, beams and guards of a rack; colours and guards are drawn at random."""
     uprights, beams = (PAINTS[i] for i in rng.choice(len(PAINTS), 2, replace=False))
     guards = rng.random() < 0.4
     boxes: list[Box] = []
@@ -98,17 +90,7 @@ def _guard(rack: Rack, start: float) -> Box:
 
 
 def bays(length: float, pitch: float, first: float) -> tuple[float, ...]:
-    """Return the middles of upright frames along an aisle.
-
-    Parameters
-    ----------
-    length : float
-        To cover, in metres.
-    pitch : float
-        From frame to frame, in metres.
-    first : float
-        Middle of the first, in metres.
-    """
+    """Return the middles of upright frames along an aisle, from the first on, from pitch to pitch, in metres."""
     return tuple(first + pitch * i for i in range(int(np.ceil(length / pitch)) + 1))
 
 
@@ -144,17 +126,7 @@ def places(
 
 
 def draw_clutter(start: float, end: float, count: int, rng: np.random.Generator) -> list[Box]:
-    """Return bins and stacks of cartons beyond both ends of an aisle.
-
-    Parameters
-    ----------
-    start, end : float
-        The aisle's ends, in metres.
-    count : int
-        How many bins and stacks.
-    rng : numpy.random.Generator
-        Draws them.
-    """
+    """Return some bins and stacks of cartons, drawn at random, beyond both ends of an aisle, in metres."""
     boxes: list[Box] = []
     for _ in range(count):
         x = start - rng.uniform(1.5, 3.5) if rng.random() < 0.5 else end + rng.uniform(0.5, 3.0)
@@ -169,19 +141,7 @@ def draw_clutter(start: float, end: float, count: int, rng: np.random.Generator)
 
 
 def draw_hall(frame: ShelfFrame, start: float, end: float, top: float, rng: np.random.Generator) -> Room:
-    """Return a hall around an aisle, with floor lines and lamps.
-
-    Parameters
-    ----------
-    frame : ShelfFrame
-        The shelf beside the path.
-    start, end : float
-        The aisle's ends, in metres.
-    top : float
-        Height of its highest level, in metres.
-    rng : numpy.random.Generator
-        Draws size, materials, lines and lamps.
-    """
+    """Return a hall around an aisle, with floor lines and lamps, drawn at random; ends and top level in metres."""
     behind, across = frame.distance + rng.uniform([2.2, 4.0], [5.0, 7.0])
     left, right = (behind, across) if frame.side is Side.LEFT else (across, behind)
     low, high = start - float(rng.uniform(5, 8)), end + float(rng.uniform(4, 8))

@@ -45,13 +45,7 @@ class Spheres:
 
 
 def bounding_spheres(solids: Sequence[Solid]) -> Spheres:
-    """Return spheres that together contain each solid.
-
-    Parameters
-    ----------
-    solids : sequence of Solid
-        At least one.
-    """
+    """Return spheres that together contain each of some solids, of one at least."""
     centers: list[FloatArray] = []
     radii: list[FloatArray] = []
     starts: list[int] = []

@@ -65,16 +65,13 @@ def test_errors_stand_at_their_shots_pallets_far_below_apart(recording: Recordin
     assert drawn(figure, "#d55e00")[3][0][:, 1] == pytest.approx([1.0])
 
 
-def test_the_table_says_what_was_found_and_how_well(recording: Recording) -> None:
+def test_the_table_says_what_was_found_and_how_well_and_no_text_covers_another(recording: Recording) -> None:
     runs = {"good": [measured(time, 0.002, 0.001) for time in TIMES], "blind": []}
     cells = [text.get_text() for text in method_figure(recording, TRUTH, runs).axes[2].texts]
     assert cells.count("3 of 3") == 1
     assert cells.count("0 of 3") == 1
     assert f"{np.degrees(0.001):.2f} / {np.degrees(0.001):.2f}" in cells
     assert "2.0 / 2.0" in cells
-
-
-def test_texts_of_the_table_do_not_cover_each_other(recording: Recording) -> None:
     runs = {
         name: [measured(0.0, 0.0874, 0.5, pallet) for pallet in (LOW, HIGH)] for name in ("horizontal_plane", "other")
     }

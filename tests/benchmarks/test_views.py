@@ -10,21 +10,11 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from benchmarks.scenes import FULL_WIDTH, draw_scene
 from benchmarks.views import MOST_HIDDEN, Exposure, HeightClass, ShotViews, expose, height_class, look, recorded
 from benchmarks.visibility import face_points, hidden_share
-from palletloc import (
-    Candidate,
-    Explanation,
-    Fit,
-    LevelPose,
-    Localizer,
-    PalletModel,
-    Refusal,
-    ShelfPlane,
-    Shot,
-    load_library,
-)
+from palletloc import Candidate, Explanation, Fit, LevelPose, Localizer, PalletModel, Refusal, ShelfPlane, Shot
 from palletloc.cameras import CameraModel, Equirectangular
 from palletloc.choices import CameraKind, Illumination, Side
 from palletloc.measurement import Reason, Stage, YawSource
+from palletloc.pallet_library import load_library
 from palletloc.synthetic.pallet_solid import PalletBody
 from palletloc.synthetic.rays import camera_rays
 from palletloc.synthetic.rendering import lit, render
@@ -86,7 +76,7 @@ def test_classes_go_by_the_edge_nearest_to_the_cameras_height(below: float, expe
     assert height_class(below, 0.14) is expected
 
 
-def test_a_perfect_localizer_finds_every_pallet_without_an_error() -> None:
+def test_a_perfect_localizer_has_no_error_and_one_counts_in_the_covariances_units() -> None:
     seen = looked([fit(face.forklift_from_pallet, face.model) for face in exposure().faces])
     assert len(seen.views) >= 2
     assert seen.false == ()
@@ -94,16 +84,13 @@ def test_a_perfect_localizer_finds_every_pallet_without_an_error() -> None:
         assert view.error is not None
         assert not view.refused
         assert view.error.nees == pytest.approx(0.0, abs=1e-12)
-
-
-def test_an_error_counts_in_the_covariances_units() -> None:
     face = next(face for face in exposure().faces if face.visible)
     off = replace(face.forklift_from_pallet, x=face.forklift_from_pallet.x + 0.02)
     errors = [view.error for view in looked([fit(off, face.model)]).views if view.error]
     assert [error.nees for error in errors] == pytest.approx([4.0])
 
 
-def test_refusals_misses_and_rows_where_no_pallet_stands_differ() -> None:
+def test_refusals_misses_and_false_rows_differ_and_hidden_faces_do_not_count() -> None:
     face = next(face for face in exposure().faces if face.visible)
     found = fit(face.forklift_from_pallet, face.model)
     seen = looked([Refusal(found.candidate, Stage.VERIFICATION, Reason.LOW_CONTRAST, found)])
@@ -111,9 +98,6 @@ def test_refusals_misses_and_rows_where_no_pallet_stands_differ() -> None:
     assert [view.face.id for view in seen.views if view.refused] == [face.id]
     model = exposure().recording.models[0].name
     assert looked([fit(LevelPose(AWAY, AWAY, 0.0, 0.0), model)]).false == (HeightClass.FLOOR,)
-
-
-def test_faces_that_are_mostly_hidden_or_cut_do_not_count() -> None:
     shown = {view.face.id for view in looked([]).views}
     for face, hidden in zip(exposure().faces, exposure().hidden, strict=True):
         if hidden is None or hidden > MOST_HIDDEN:
@@ -135,16 +119,13 @@ def test_the_recording_says_nothing_that_is_true_only() -> None:
 SCENES = [draw_scene(seed) for seed in range(300)]
 
 
-def test_equal_seeds_draw_equal_scenes_and_others_draw_others() -> None:
+def test_equal_seeds_draw_equal_scenes_and_others_vary_in_whatever_can() -> None:
     scene, same, other = draw_scene(7), draw_scene(7), draw_scene(9)
     assert scene.spec.aisle == same.spec.aisle
     assert scene.spec.sensor == same.spec.sensor
     assert simulate(scene.spec, 7).shelf == simulate(same.spec, 7).shelf
     assert scene.spec.sensor != other.spec.sensor
     assert scene.spec.aisle != other.spec.aisle
-
-
-def test_whatever_can_vary_does() -> None:
     specs = [scene.spec for scene in SCENES]
     assert {spec.camera for spec in specs} == set(CameraKind)
     assert {spec.aisle.light for spec in specs} == set(Illumination)
@@ -175,15 +156,12 @@ def test_parts_are_drawn_independently() -> None:
     assert np.abs(correlation).max() < 4 / np.sqrt(len(SCENES))
 
 
-def test_every_second_scene_has_images_of_half_size() -> None:
+def test_every_second_scene_is_of_half_size_and_all_have_pallets_on_the_floor_and_near() -> None:
     for scene in SCENES[:20]:
         share = 1 if scene.full else 2
         assert scene.spec.width * share == FULL_WIDTH[scene.spec.camera]
     assert sum(scene.full for scene in SCENES) == len(SCENES) / 2
     assert draw_scene(3, width=320).spec.width == 320
-
-
-def test_every_scene_has_pallets_on_the_floor_and_near_the_cameras_height() -> None:
     same = 0
     for scene in SCENES:
         mounting = scene.spec.mounting

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from palletloc import LevelPose, Localizer, LocalizerConfig, Method, Mounting, Opening, PalletModel, Shot
+from palletloc import Localizer, LocalizerConfig, Method, Mounting, Opening, PalletModel, Shot
 from palletloc.cameras import CameraModel, Equirectangular, Pinhole
-from palletloc.geometry import FloatArray
+from palletloc.geometry import FloatArray, LevelPose
 from palletloc.plane import PlaneGrid, PlaneView
 from palletloc.synthetic.materials import CARTONS, CEILING, CONCRETES, PAINTS, PLASTERS, PLASTICS, WOODS
 from palletloc.synthetic.pallet_solid import PalletBody
@@ -19,7 +19,7 @@ from palletloc.synthetic.rays import CameraRays, camera_rays
 from palletloc.synthetic.rendering import lit, render
 from palletloc.synthetic.rig import Sensor, expose
 from palletloc.synthetic.scene import Light, Room, Scene, Solid
-from tests.palletloc.poses import POSE, Pallets, Photograph, Portrait
+from tests.palletloc.poses import POSE, Pallets, Photograph, Portrait, WritePallets
 
 RECORDING = """\
 format: 1
@@ -60,7 +60,7 @@ def blank_recording(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def pallet_file(tmp_path: Path) -> Callable[[str | bytes], Path]:
+def pallet_file(tmp_path: Path) -> WritePallets:
     """Return a function that writes a file of pallet models."""
 
     def write(content: str | bytes) -> Path:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
@@ -14,6 +15,7 @@ from palletloc.plane import PlaneView
 POSE = LevelPose(0.9, 2.0, 0.0, np.pi / 2 + 0.02)
 """Of a pallet on the floor, to the left of the forklift."""
 FLOOR = HeightPrior(0.0, 0.003)
+Height = HeightPrior | None
 CONFIG = LocalizerConfig()
 Portrait = Callable[..., Shot]
 Photograph = Callable[..., Shot]
@@ -27,6 +29,7 @@ Placed = tuple[PalletModel, LevelPose]
 """A pallet where it stands in the forklift frame."""
 Pallets = tuple[Placed, ...]
 Models = tuple[PalletModel, ...]
+WritePallets = Callable[[str | bytes], Path]
 
 
 def moved(

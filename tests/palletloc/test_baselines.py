@@ -15,7 +15,7 @@ from palletloc.paper.joint_search import JointSearch, JointSearchConfig
 from palletloc.paper.position import Sweep
 from palletloc.paper.yaw import YawEstimate
 from palletloc.rivals import Measure
-from tests.palletloc.poses import FLOOR, POSE, Pallets, Portrait, blanked, fit_of, found
+from tests.palletloc.poses import FLOOR, POSE, Height, Outcome, Pallets, Portrait, blanked, fit_of, found
 
 CONFIG = replace(LocalizerConfig(), joint_search=JointSearchConfig(turns=9, depths=9))
 COARSE = pytest.mark.parametrize("measure", [measure_as_in_paper, measure_jointly], ids=["paper", "joint_search"])
@@ -29,9 +29,9 @@ def measured(
     shot: Shot,
     model: PalletModel,
     start: LevelPose = POSE,
-    height: HeightPrior | None = FLOOR,
+    height: Height = FLOOR,
     config: LocalizerConfig = CONFIG,
-) -> Fit | Refusal:
+) -> Outcome:
     return measure(shot, Candidate(model, start, height), config)
 
 
@@ -49,9 +49,7 @@ def test_nothing_is_measured_in_a_plain_image(measure: Measure, portrait: Portra
 
 
 @pytest.mark.parametrize("height", [FLOOR, None], ids=["level", "free"])
-def test_a_pose_on_the_floor_is_as_right_as_it_says(
-    model: PalletModel, height: HeightPrior | None, portrait: Portrait
-) -> None:
+def test_poses_are_as_right_as_they_say(model: PalletModel, height: Height, portrait: Portrait) -> None:
     start = LevelPose(POSE.x + 0.03, POSE.y + 0.02, 0.0, POSE.yaw - 0.03)
     fit = found(measured(measure_on_planes, portrait(model, POSE), model, start, height))
     error = fit.pose.minus(POSE)
@@ -165,9 +163,7 @@ def test_the_paper_has_no_answer_for_a_pallet_level_with_the_camera(rack_shot: S
     assert (outcome.stage, outcome.reason, outcome.fit) == (Stage.YAW, Reason.NO_LINE, None)
 
 
-def test_the_papers_yaw_is_houghs_angle_and_its_sweep_has_no_height_prior(
-    portrait: Portrait, t11: PalletModel
-) -> None:
+def test_the_papers_yaw_is_houghs_or_two_regions_and_its_height_free(portrait: Portrait, t11: PalletModel) -> None:
     fit = found(measured(measure_as_in_paper, portrait(t11, POSE), t11, replace(POSE, yaw=POSE.yaw + 0.03)))
     assert len(steps_of(fit, HorizontalView)) == 2
     assert len(steps_of(fit, BoundaryLine)) == 1
@@ -178,9 +174,6 @@ def test_the_papers_yaw_is_houghs_angle_and_its_sweep_has_no_height_prior(
     shot = portrait(t11, POSE)
     known, free = (found(measured(measure_as_in_paper, shot, t11, POSE, height)) for height in (FLOOR, None))
     assert known.pose == free.pose
-
-
-def test_the_papers_second_way_finds_the_boundary_of_two_regions(portrait: Portrait, t11: PalletModel) -> None:
     config = replace(CONFIG, yaw=replace(CONFIG.yaw, boundary=BoundaryMethod.TWO_REGION))
     start = replace(POSE, yaw=POSE.yaw + np.radians(3.0))
     fit = found(measured(measure_as_in_paper, portrait(t11, POSE), t11, start, config=config))

@@ -58,9 +58,7 @@ def test_the_most_promising_detection_of_each_model_is_its_pallet(floor_shot: Sh
         assert promises == sorted(promises, reverse=True)
 
 
-def test_each_band_is_searched_where_there_are_levels_and_else_the_whole_plane(
-    rack_shot: Shot, rack_pallets: Pallets
-) -> None:
+def test_each_band_is_searched_and_without_levels_the_whole_plane(rack_shot: Shot, rack_pallets: Pallets) -> None:
     found, views = detected(rack_shot, [rack_pallets[0][0]], replace(SHELF, levels=()))
     assert len(views) == 1
     assert all(detection.level is None for detection in found)
@@ -72,7 +70,7 @@ def test_each_band_is_searched_where_there_are_levels_and_else_the_whole_plane(
     assert all(hits(found, model, pose) for model, pose in rack_pallets)
 
 
-def test_detections_of_a_model_on_a_level_stand_apart(floor_shot: Shot, floor_pallets: Pallets) -> None:
+def test_detections_stand_apart_and_are_the_same_every_time(floor_shot: Shot, floor_pallets: Pallets) -> None:
     models = [model for model, _ in floor_pallets]
     found, _ = detected(floor_shot, models)
     for model in models:
@@ -81,10 +79,6 @@ def test_detections_of_a_model_on_a_level_stand_apart(floor_shot: Shot, floor_pa
         for i, place in enumerate(places):
             for other in places[:i]:
                 assert np.hypot(place.x - other.x, place.y - other.y) >= 0.9 * CONFIG.min_depth_spacing
-
-
-def test_the_same_shot_gives_the_same_detections(floor_shot: Shot, floor_pallets: Pallets) -> None:
-    models = [model for model, _ in floor_pallets]
     assert detected(floor_shot, models)[0] == detected(floor_shot, models)[0]
 
 
@@ -99,27 +93,23 @@ def test_the_mirrored_shelf_gives_mirrored_detections(floor_shot: Shot, floor_pa
         assert hits(found, model, LevelPose(pose.x, -pose.y, pose.z, -pose.yaw))
 
 
-def test_nothing_is_found_in_a_plain_image(blank_shot: Shot, epal: PalletModel) -> None:
+def test_a_plain_image_or_far_shelf_has_nothing_and_one_behind_is_refused(
+    blank_shot: Shot, epal: PalletModel, floor_shot: Shot
+) -> None:
     found, views = detected(blank_shot, [epal])
     assert found == []
     assert len(views) == 1
-
-
-def test_a_shelf_out_of_range_or_behind_has_nothing(floor_shot: Shot, epal: PalletModel) -> None:
     for shelf in (ShelfPlane(1.3, 20.0, -np.pi / 2, (0.0,)), ShelfPlane(-4.0, 0.0, 0.0, (0.0,))):
         found, _ = detected(floor_shot, [epal], shelf)
         assert all(detection.score < 0.6 for detection in found)
+    with pytest.raises(ShelfPlaneError):
+        detected(floor_shot, [epal], replace(SHELF, facing=np.pi / 2))
 
 
 def test_a_level_out_of_sight_keeps_no_other_from_being_searched(floor_shot: Shot, floor_pallets: Pallets) -> None:
     found, _ = detected(floor_shot, [model for model, _ in floor_pallets], replace(SHELF, levels=(0.0, 1.5, 9.0)))
     assert all(hits(found, model, pose) for model, pose in floor_pallets)
     assert all(detection.level != 9.0 for detection in found)
-
-
-def test_a_plane_behind_the_camera_is_refused(floor_shot: Shot, epal: PalletModel) -> None:
-    with pytest.raises(ShelfPlaneError):
-        detected(floor_shot, [epal], replace(SHELF, facing=np.pi / 2))
 
 
 def test_yaws_that_may_be_surround_the_shelfs_and_every_pallets(floor_shot: Shot, floor_pallets: Pallets) -> None:
@@ -233,9 +223,7 @@ def test_a_drift_moves_the_places_of_each_placement(epal: PalletModel, draw_face
         )
 
 
-def test_a_face_shifted_by_an_opening_scores_less_and_beyond_the_view_little(
-    epal: PalletModel, draw_face: Draw
-) -> None:
+def test_a_face_an_opening_aside_scores_less_and_beyond_the_view_little(epal: PalletModel, draw_face: Draw) -> None:
     view = draw_face(epal, GRID, CAMERA)
     score = match_template(template_of(view, epal), GRID, CAMERA, here(), np.array([0.0, 0.5275, -0.5275]))[0]
     assert score[0] > max(score[1:]) + 0.2

@@ -125,7 +125,7 @@ def test_each_edge_has_its_own_reach_and_a_slope_towards_one_beyond_is_no_peak()
     np.testing.assert_allclose(peaks.offset[1], 0.02, atol=0.1 * PIXEL)
 
 
-def test_edges_measured_together_are_as_measured_alone() -> None:
+def test_edges_measured_together_or_in_stretches_are_as_measured_alone() -> None:
     gradient = gradient_across(noisy(step_image(0.2 * PIXEL), 3.0).astype(np.uint8), True, 1.0, 1.0)
     starts, ends = np.array([[-0.5, 0.0], [-0.1, 0.004]]), np.array([[0.5, 0.0], [0.2, 0.004]])
     together = edge_peaks(gradient, GRID, starts, ends, UP, np.full(2, REACH))
@@ -135,9 +135,6 @@ def test_edges_measured_together_are_as_measured_alone() -> None:
     assert fits[0] == fitted(alone)
     assert fits[1] is not None
     assert fits[1].offset == pytest.approx(0.2 * PIXEL - 0.004, abs=0.15 * PIXEL)
-
-
-def test_stretches_of_a_line_give_the_line_of_the_whole() -> None:
     gradient = gradient_across(step_image(0.4 * PIXEL, 0.01).astype(np.uint8), True, 1.0, 1.0)
     starts = np.array([[-0.5, 0.0], [-0.1, 0.0], [0.3, 0.0]])
     ends = np.array([[-0.3, 0.0], [0.1, 0.0], [0.5, 0.0]])
@@ -193,10 +190,21 @@ def test_the_constants_have_the_efficiency_that_they_state(weigh: Weigh, efficie
     assert (slope @ density) ** 2 / (psi**2 @ density) == pytest.approx(efficiency, abs=0.005)
 
 
-def test_the_spread_of_normal_residuals_is_their_standard_deviation() -> None:
+def test_one_round_is_the_plain_fit_and_the_spread_of_normal_residuals_their_deviation() -> None:
     assert pytest.approx(1 / norm.ppf(0.75), abs=1e-4) == SIGMA_PER_MEDIAN
     assert robust_sigma(np.array([-1.0, 1.0, 1e9])) == SIGMA_PER_MEDIAN
     assert robust_sigma(np.zeros(3), 0.5) == 0.5
+    values = np.array([0.0, 0.0, 9.0])
+    mean = reweighted(
+        lambda weights, _: np.array([np.average(values, weights=weights)]),
+        lambda at: values - at,
+        partial(huber_weights, tuning=1.0),
+        lambda _: 1.0,
+        np.ones(3),
+        1,
+    )
+    assert mean.solution[0] == 3.0
+    np.testing.assert_allclose(mean.weights, [1 / 3, 1 / 3, 1 / 6])
 
 
 @pytest.mark.parametrize("weigh", WEIGHTS)
@@ -215,17 +223,3 @@ def test_a_third_of_wrong_values_does_not_move_a_line(weigh: Weigh) -> None:
     # Once the weights have settled, more rounds change nothing.
     early = reweighted(fit, lambda line: values - design @ line, weigh, robust_sigma, np.ones(300), 200, 1e-6)
     np.testing.assert_allclose(early.solution, found.solution, atol=1e-4)
-
-
-def test_one_round_is_the_plain_fit() -> None:
-    values = np.array([0.0, 0.0, 9.0])
-    mean = reweighted(
-        lambda weights, _: np.array([np.average(values, weights=weights)]),
-        lambda at: values - at,
-        partial(huber_weights, tuning=1.0),
-        lambda _: 1.0,
-        np.ones(3),
-        1,
-    )
-    assert mean.solution[0] == 3.0
-    np.testing.assert_allclose(mean.weights, [1 / 3, 1 / 3, 1 / 6])

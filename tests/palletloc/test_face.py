@@ -42,14 +42,11 @@ def test_an_edge_parts_the_solid_from_what_is_outward_of_it(model: PalletModel) 
             assert not is_solid(model, *(point + NEAR * outward))
 
 
-def test_the_edges_of_a_sharp_face_are_its_whole_outline(model: PalletModel) -> None:
+def test_edges_are_the_whole_outline_but_for_rounded_corners(model: PalletModel) -> None:
     face = sharp(model)
     holes = sum(2 * o.height + o.width * (1 if o.open_below else 2) for o in face.openings)
     outline = 2 * face.width + 2 * face.height - sum(o.width for o in face.openings if o.open_below)
     assert sum(edge.length for edge in face_edges(face)) == pytest.approx(outline + holes)
-
-
-def test_rounded_corners_are_left_out(model: PalletModel) -> None:
     radii = 4 * model.corner_radius * 2
     radii += sum(o.radius * (4 if o.open_below else 8) for o in model.openings)
     lost = sum(e.length for e in face_edges(sharp(model))) - sum(e.length for e in face_edges(model))
@@ -84,8 +81,7 @@ def test_lines_are_all_the_edges_and_level_ones_at_one_height_are_one_line(model
     "law",
     [
         test_an_edge_parts_the_solid_from_what_is_outward_of_it,
-        test_the_edges_of_a_sharp_face_are_its_whole_outline,
-        test_rounded_corners_are_left_out,
+        test_edges_are_the_whole_outline_but_for_rounded_corners,
         test_the_mirrored_face_has_the_mirrored_edges,
         test_lines_are_all_the_edges_and_level_ones_at_one_height_are_one_line,
     ],
@@ -194,7 +190,7 @@ def lines(model: PalletModel) -> list[FaceEdge]:
     return [line.whole for line in face_lines(model)]
 
 
-def test_every_line_has_one_entry_with_its_fate(t11: PalletModel) -> None:
+def test_every_line_has_one_entry_with_its_fate_even_if_hidden(t11: PalletModel) -> None:
     used, rejected, *others = lines(t11)
     accounts = account_edges(face([used, rejected], [0.9, 0.1]), t11)
     assert [account.edge for account in accounts] == [used, rejected, *others]
@@ -202,9 +198,6 @@ def test_every_line_has_one_entry_with_its_fate(t11: PalletModel) -> None:
     assert [account.fate for account in accounts[:2]] == [EdgeFate.USED, EdgeFate.REJECTED]
     assert {account.fate for account in accounts[2:]} == {EdgeFate.NOT_SEEN}
     assert [account.measured is None for account in accounts] == [False, False] + [True] * len(others)
-
-
-def test_hidden_edges_are_told_from_those_that_are_not_seen(t11: PalletModel) -> None:
     first, second, third, *_ = lines(t11)
     accounts = account_edges(face([first, third], [1.0, 1.0], hidden=(second, third)), t11)
     assert [account.fate for account in accounts[:3]] == [EdgeFate.USED, EdgeFate.HIDDEN, EdgeFate.HIDDEN]

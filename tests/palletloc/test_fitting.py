@@ -14,7 +14,7 @@ from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
 from palletloc.refinement.face_fit import FaceEstimate, fit_face
 from palletloc.refinement.level_lines import LevelYaw
 from palletloc.refinement.patch import FacePatch, view_patch
-from tests.palletloc.poses import CONFIG, FLOOR, Outcome, Photograph, fit_of
+from tests.palletloc.poses import CONFIG, FLOOR, Height, Outcome, Photograph, fit_of
 
 CERTAIN = replace(CONFIG, face_fit=replace(CONFIG.face_fit, max_doubt=4.0))
 """The first fit of a pallet leaves no doubt."""
@@ -49,7 +49,7 @@ def kept(
     model: PalletModel,
     poses: Sequence[LevelPose],
     weak: bool = False,
-    height: HeightPrior | None = FLOOR,
+    height: Height = FLOOR,
     config: LocalizerConfig = CONFIG,
     prepare: Callable[[LevelPose], FitStart] = as_found,
 ) -> Outcome:
@@ -62,7 +62,7 @@ def tried(
     poses: Sequence[LevelPose],
     weak: bool,
     config: LocalizerConfig = CONFIG,
-    height: HeightPrior | None = FLOOR,
+    height: Height = FLOOR,
 ) -> tuple[list[LevelPose], Outcome]:
     """Return which starts are fitted, and what is kept."""
     called: list[LevelPose] = []
@@ -101,16 +101,13 @@ def test_a_good_start_leads_to_its_pallet(truth: LevelPose, pair: Shot, t11: Pal
     assert found.pose == found.face.forklift_from_pallet
 
 
-def test_the_first_that_leaves_no_doubt_ends_the_search(pair: Shot, t11: PalletModel) -> None:
+def test_a_fit_without_or_beyond_doubt_ends_the_search_if_its_yaw_is_known(pair: Shot, t11: PalletModel) -> None:
     for weak in (False, True):
         called, found = tried(pair, t11, [LEFT, RIGHT], weak, CERTAIN)
         face = fit_of(found).face
         assert face is not None
         assert face.doubt < 4.0
         assert called == ([LEFT, RIGHT] if weak else [LEFT])
-
-
-def test_a_pallet_beyond_doubt_ends_the_search_where_its_yaw_is_known(pair: Shot, t11: PalletModel) -> None:
     doubting = replace(CONFIG, face_fit=replace(CONFIG.face_fit, max_doubt=-0.5))
     for weak in (False, True):
         called, found = tried(pair, t11, [LEFT, RIGHT], weak, doubting)
@@ -128,7 +125,7 @@ def test_a_start_next_to_what_was_measured_is_not_tried_again(pair: Shot, t11: P
 
 @pytest.mark.parametrize("height", [FLOOR, None], ids=["floor", "any"])
 def test_a_start_next_to_a_fit_that_was_refused_is_tried_on_a_level(
-    height: HeightPrior | None, pair: Shot, t11: PalletModel, monkeypatch: pytest.MonkeyPatch
+    height: Height, pair: Shot, t11: PalletModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def contradicted(*given: Any) -> FaceEstimate | Reason:
         face = fit_face(*given)
@@ -140,13 +137,10 @@ def test_a_start_next_to_a_fit_that_was_refused_is_tried_on_a_level(
     assert called == ([LEFT, BESIDE] if height else [LEFT])
 
 
-def test_the_fit_begins_where_the_preparation_says(pair: Shot, t11: PalletModel) -> None:
+def test_the_fit_begins_where_the_preparation_says_and_keeps_its_yaw_and_steps(pair: Shot, t11: PalletModel) -> None:
     found = kept(pair, t11, [LEFT], prepare=lambda _: as_found(RIGHT))
     assert found.fit is None or near(found, RIGHT)
     assert not near(found, LEFT)
-
-
-def test_what_the_preparation_says_of_the_yaw_and_its_steps_is_kept(pair: Shot, t11: PalletModel) -> None:
     candidate = Candidate(t11, LEFT, FLOOR)
 
     def prepare(pose: LevelPose) -> FitStart:

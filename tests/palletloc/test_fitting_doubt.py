@@ -1,7 +1,7 @@
 """What makes a fit less certain, or has it refused: level lines, missing uprights, and likelier rivals."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -151,12 +151,9 @@ def test_missing_uprights_leave_the_range_in_doubt(
     np.testing.assert_allclose(added[-1][3], 0.0, atol=1e-15)
 
 
-def test_level_lines_say_nothing_of_the_range(range_doubt: Callable[..., FloatArray]) -> None:
+def test_neither_level_lines_nor_a_hidden_upright_confirm_a_range(range_doubt: Callable[..., FloatArray]) -> None:
     whole = range_doubt(lambda face: without_uprights(face, 0))
     np.testing.assert_allclose(range_doubt(faint), whole, atol=1e-15)
-
-
-def test_a_hidden_upright_confirms_no_range(range_doubt: Callable[..., FloatArray]) -> None:
     missing = range_doubt(lambda face: without_uprights(face, 3))
     np.testing.assert_allclose(range_doubt(hidden), missing, rtol=1e-7)
 
@@ -190,10 +187,10 @@ def rival(
     return Rival(nats, apart, sigmas, reason, instead)
 
 
-def decided(best: Fit | Refusal, *groups: list[Rival]) -> Fit | Refusal:
+def decided(best: Fit | Refusal, rivals: Sequence[Rival] = ()) -> Fit | Refusal:
     """Decide, and check that nothing is written into what was given."""
     before = None if best.fit is None else best.fit.covariance.copy()
-    found = decide(best, groups, CONFIG)
+    found = decide(best, rivals, CONFIG)
     if best.fit is not None and before is not None:
         np.testing.assert_array_equal(best.fit.covariance, before)
     return found
@@ -207,7 +204,6 @@ def added(found: Fit | Refusal) -> FloatArray:
 @pytest.mark.parametrize("best", [FIT, REFUSED], ids=["fit", "refused"])
 def test_without_rivals_nothing_changes(best: Fit | Refusal) -> None:
     assert decided(best) is best
-    assert decided(best, [], []) is best
 
 
 @given(aside)
@@ -236,7 +232,7 @@ def test_it_widens_by_its_posterior_probability(apart: FloatArray, odds: float) 
 
 
 @given(st.lists(st.tuples(nats, aside), min_size=1, max_size=4))
-def test_those_of_a_group_exclude_each_other_and_the_order_does_not_matter(
+def test_they_exclude_each_other_and_their_order_does_not_matter(
     others: list[tuple[float, FloatArray]],
 ) -> None:
     rivals = [rival(*other) for other in others]
@@ -244,10 +240,6 @@ def test_those_of_a_group_exclude_each_other_and_the_order_does_not_matter(
     expected = sum(w * np.outer(other[1], other[1]) for w, other in zip(weights[1:], others, strict=True))
     np.testing.assert_allclose(added(decided(FIT, rivals)), expected / weights.sum(), atol=1e-12)
     np.testing.assert_allclose(added(decided(FIT, rivals[::-1])), added(decided(FIT, rivals)), atol=1e-15)
-
-
-def test_groups_widen_one_after_the_other() -> None:
-    np.testing.assert_allclose(added(decided(FIT, [rival()], [rival()])), np.outer(ASIDE, ASIDE), atol=1e-15)
 
 
 @given(st.floats(0.001, 50.0), st.floats(0.0, 9.0))
@@ -281,13 +273,13 @@ def test_what_was_refused_gives_way_to_a_fit_alone() -> None:
     assert decided(unseen, [rival()]) is unseen
 
 
-def test_a_group_is_looked_at_no_further_than_to_the_first_that_wins() -> None:
+def test_they_are_looked_at_no_further_than_to_the_first_that_wins() -> None:
     def alternatives() -> Iterator[Rival]:
         yield rival(-1.0)
         yield rival(1.0, sigmas=math.inf, instead=OTHER)
         raise AssertionError("the others have to be measured first")
 
-    assert decide(FIT, [alternatives()], CONFIG) is OTHER
+    assert decide(FIT, alternatives(), CONFIG) is OTHER
 
 
 @given(st.floats(0.0, 0.4))

@@ -178,13 +178,10 @@ def mounting(mounted: Mounted) -> Mounting:
     return Mounting(mounted(0.3, -0.1, 1.8, 40.0, 12.0, -5.0), (0.001, 0.002, 0.003), (0.01, 0.02, 0.03))
 
 
-def test_its_center_is_the_cameras_origin_and_sigmas_are_translations_before_rotations(mounting: Mounting) -> None:
+def test_its_center_sigmas_and_inverse_are_those_of_its_transform_and_cannot_be_changed(mounting: Mounting) -> None:
     np.testing.assert_allclose(mounting.center, [0.3, -0.1, 1.8])
     np.testing.assert_allclose(mounting.forklift_from_camera.apply(np.zeros(3)), mounting.center)
     np.testing.assert_array_equal(mounting.sigma, [0.001, 0.002, 0.003, 0.01, 0.02, 0.03])
-
-
-def test_its_inverse_comes_as_a_matrix_and_as_a_transform_and_cannot_be_changed(mounting: Mounting) -> None:
     inverse = mounting.forklift_from_camera.inv().as_matrix()
     np.testing.assert_allclose(mounting.camera_from_forklift, inverse, atol=1e-15)
     np.testing.assert_allclose(mounting.to_camera.as_matrix(), inverse, atol=1e-15)
@@ -207,12 +204,16 @@ def steady(times: FloatArray) -> Trajectory:
     return Trajectory(times, 1.0 + 0.5 * times, -2.0 * times, 3.0 + 0.4 * times, z=0.1 * times)
 
 
-def test_the_pose_at_a_sample_is_the_sample() -> None:
+def test_the_pose_at_a_sample_is_the_sample_and_the_yaw_takes_the_short_way() -> None:
     path = wandering()
     assert path.z is not None
     for time, x, y, z, yaw in zip(path.times, path.x, path.y, path.z, path.yaw, strict=True):
         pose = path.pose_at(float(time))
         assert (pose.x, pose.y, pose.z, pose.yaw) == (x, y, z, wrap_angle(float(yaw)))
+    path = Trajectory(*np.array([[0.0, 1.0], [0.0, 0.0], [0.0, 0.0], [np.radians(170), np.radians(-170)]]))
+    assert path.pose_at(0.25).yaw == pytest.approx(np.radians(175))
+    assert path.pose_at(0.75).yaw == pytest.approx(np.radians(-175))
+    assert np.diff(path.yaw) == pytest.approx(np.radians(20))
 
 
 @given(st.floats(-0.1, 10.1))
@@ -223,13 +224,6 @@ def test_a_steady_motion_is_reproduced_at_any_time(time: float) -> None:
     assert abs(wrap_angle(pose.yaw - (3.0 + 0.4 * time))) < 1e-9
 
 
-def test_the_yaw_takes_the_short_way_and_stays_wrapped() -> None:
-    path = Trajectory(*np.array([[0.0, 1.0], [0.0, 0.0], [0.0, 0.0], [np.radians(170), np.radians(-170)]]))
-    assert path.pose_at(0.25).yaw == pytest.approx(np.radians(175))
-    assert path.pose_at(0.75).yaw == pytest.approx(np.radians(-175))
-    assert np.diff(path.yaw) == pytest.approx(np.radians(20))
-
-
 @given(st.lists(st.integers(-3, 3), min_size=20, max_size=20), st.floats(0, 1))
 def test_whole_turns_added_to_a_yaw_change_nothing(turns: list[int], share: float) -> None:
     path = wandering()
@@ -238,8 +232,13 @@ def test_whole_turns_added_to_a_yaw_change_nothing(turns: list[int], share: floa
     assert abs(wrap_angle(turned.pose_at(time).yaw - path.pose_at(time).yaw)) < 1e-9
 
 
-def test_a_path_on_the_floor_has_no_height() -> None:
+def test_a_path_on_the_floor_has_no_height_and_no_sample_can_be_changed_afterwards() -> None:
     assert Trajectory(*np.zeros((4, 1))).pose_at(0.0).z == 0.0
+    times, x, y, yaw = np.array([[0.0, 1.0], [0.0, 1.0], [0.0, 0.0], [0.0, 0.0]])
+    path = Trajectory(times, x, y, yaw)
+    x[:] = 7.0
+    assert path.pose_at(1.0).x == 1.0
+    assert not path.x.flags.writeable
 
 
 @pytest.mark.parametrize("time", [-0.11, 10.2, 1e9, float("nan"), float("inf")])
@@ -274,11 +273,3 @@ def test_samples_that_make_no_path_are_refused(changes: dict[str, list[float]], 
     samples = {"times": [0.0, 1.0, 2.0]} | {name: [0.0, 0.0, 0.0] for name in ("x", "y", "yaw")} | changes
     with pytest.raises(ValueError, match=said):
         Trajectory(**{name: np.array(values) for name, values in samples.items()})
-
-
-def test_the_samples_cannot_be_changed_afterwards() -> None:
-    times, x, y, yaw = np.array([[0.0, 1.0], [0.0, 1.0], [0.0, 0.0], [0.0, 0.0]])
-    path = Trajectory(times, x, y, yaw)
-    x[:] = 7.0
-    assert path.pose_at(1.0).x == 1.0
-    assert not path.x.flags.writeable

@@ -160,7 +160,7 @@ def test_no_openings_one_aside_or_uneven_blocks_weaken_the_contrast(epal: Pallet
     assert face_contrast(uneven, epal) < 0.5 * face_contrast(view, epal)
 
 
-def test_the_less_clear_opening_counts(epal: PalletModel, draw_face: Draw) -> None:
+def test_the_less_clear_opening_counts_and_colour_tells_more_than_gray(epal: PalletModel, draw_face: Draw) -> None:
     view = noisy(draw_face(epal, GRID, STRAIGHT))
     half = view.image.copy()
     half[:, GRID.columns // 2 :] = noisy(draw_face(epal, GRID, STRAIGHT, levels=(90.0, 180.0, 180.0))).image[
@@ -168,9 +168,6 @@ def test_the_less_clear_opening_counts(epal: PalletModel, draw_face: Draw) -> No
     ]
     assert face_contrast(replace(view, image=half), epal) < 1.5
     assert face_contrast(replace(view, image=half[:, ::-1]), epal) < 1.5
-
-
-def test_colour_tells_what_gray_does_not(epal: PalletModel, draw_face: Draw) -> None:
     blue = noisy(draw_face(epal, GRID, STRAIGHT, levels=(90.0, 170.0, 90.0))).image
     red = noisy(draw_face(epal, GRID, STRAIGHT, levels=(90.0, 90.0, 170.0))).image
     view = draw_face(epal, GRID, STRAIGHT)
@@ -233,7 +230,7 @@ def patch(portrait: Portrait, epal: PalletModel) -> FacePatch:
     return found
 
 
-def test_each_opening_is_compared_with_the_blocks_beside_it(patch: FacePatch, epal: PalletModel) -> None:
+def test_openings_are_compared_with_their_blocks_and_aside_all_is_lost(patch: FacePatch, epal: PalletModel) -> None:
     both = opening_contrasts(patch, epal, POSE)
     assert both.shape == (2,)
     assert least_contrast(patch, epal, POSE) == both.min() > 1.5
@@ -247,14 +244,11 @@ def test_each_opening_is_compared_with_the_blocks_beside_it(patch: FacePatch, ep
     boarded[high : low + 1, first : last + 1] = boarded[row, column]
     closed = opening_contrasts(replace(patch, smooth=boarded), epal, POSE)
     assert closed[0] < 1.0 < closed[1] == pytest.approx(both[1], rel=0.3)
-
-
-def test_one_opening_aside_the_contrast_at_a_pose_is_lost(patch: FacePatch, epal: PalletModel) -> None:
     pitch = epal.openings[1].center - epal.openings[0].center
     assert least_contrast(patch, epal, moved(POSE, pitch / 2)) < 0.5 * least_contrast(patch, epal, POSE)
 
 
-def test_what_is_hidden_does_not_count(patch: FacePatch, epal: PalletModel) -> None:
+def test_what_is_hidden_or_beyond_the_view_does_not_count(patch: FacePatch, epal: PalletModel) -> None:
     left, right = epal.openings
     before = (left.left - 0.03, left.right + 0.03)
     covered = patch.smooth.copy()
@@ -267,11 +261,6 @@ def test_what_is_hidden_does_not_count(patch: FacePatch, epal: PalletModel) -> N
     for spans in ({"hidden": [before]}, {"occluders": [before]}):
         assert least_contrast(hidden, epal, POSE, **spans) == pytest.approx(alone, rel=0.3)
     assert right.left > before[1]
-
-
-def test_where_the_view_does_not_reach_or_all_is_hidden_no_contrast_is_left(
-    patch: FacePatch, epal: PalletModel
-) -> None:
     assert least_contrast(patch, epal, POSE, [WHOLE]) == 0.0
     assert least_contrast(patch, epal, POSE, (), [WHOLE]) == least_contrast(patch, epal, POSE)
     assert np.isnan(least_contrast(patch, epal, replace(POSE, x=POSE.x + 3.0)))

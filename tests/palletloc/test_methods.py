@@ -12,18 +12,14 @@ from palletloc.methods import METHODS, measure_refined
 from palletloc.paper.joint_search import JointSearchConfig
 from palletloc.refinement.search import Search, search
 from palletloc.verification import of_use, verify
-from tests.palletloc.poses import CONFIG, FLOOR, POSE, Pallets, Portrait, fit_of, found, moved
+from tests.palletloc.poses import CONFIG, FLOOR, POSE, Height, Outcome, Pallets, Portrait, fit_of, found, moved
 
 HEIGHTS = pytest.mark.parametrize("height", [FLOOR, None], ids=["level", "free"])
 
 
 def measured(
-    shot: Shot,
-    model: PalletModel,
-    start: LevelPose = POSE,
-    height: HeightPrior | None = FLOOR,
-    config: LocalizerConfig = CONFIG,
-) -> Fit | Refusal:
+    shot: Shot, model: PalletModel, start: LevelPose = POSE, height: Height = FLOOR, config: LocalizerConfig = CONFIG
+) -> Outcome:
     """Measure, and check that the candidate is kept as it was given."""
     candidate = Candidate(model, start, height)
     outcome = measure_refined(shot, candidate, config)
@@ -32,14 +28,14 @@ def measured(
     return outcome
 
 
-def wrong(outcome: Fit | Refusal, truth: LevelPose = POSE) -> FloatArray:
+def wrong(outcome: Outcome, truth: LevelPose = POSE) -> FloatArray:
     return fit_of(outcome).pose.minus(truth)
 
 
 @HEIGHTS
 @pytest.mark.parametrize(("right", "depth", "turn_deg"), [(0.02, 0.05, 3.0), (-0.04, -0.05, -4.0)])
 def test_near_starts_lead_within_millimetres_as_the_covariance_says(
-    model: PalletModel, height: HeightPrior | None, right: float, depth: float, turn_deg: float, portrait: Portrait
+    model: PalletModel, height: Height, right: float, depth: float, turn_deg: float, portrait: Portrait
 ) -> None:
     fit = found(measured(portrait(model, POSE), model, moved(POSE, right, depth, turn_deg=turn_deg), height))
     error = wrong(fit)
@@ -50,9 +46,7 @@ def test_near_starts_lead_within_millimetres_as_the_covariance_says(
     assert np.linalg.eigvalsh(fit.covariance).min() > 0
 
 
-def test_an_uncertain_mounting_makes_a_pose_uncertain_and_no_level_its_viewing_ray(
-    portrait: Portrait, epal: PalletModel
-) -> None:
+def test_an_uncertain_mounting_widens_the_pose_and_no_level_its_ray(portrait: Portrait, epal: PalletModel) -> None:
     shot = portrait(epal, POSE)
     known, free = (fit_of(measured(shot, epal, POSE, height)).covariance for height in (FLOOR, None))
     assert (np.diag(free) > np.diag(known)).all()
@@ -69,7 +63,7 @@ def test_an_uncertain_mounting_makes_a_pose_uncertain_and_no_level_its_viewing_r
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 @HEIGHTS
 def test_a_pallet_one_opening_aside_is_not_taken(
-    model: PalletModel, side: float, height: HeightPrior | None, portrait: Portrait
+    model: PalletModel, side: float, height: Height, portrait: Portrait
 ) -> None:
     pitch = model.openings[1].center - model.openings[0].center
     outcome = measured(portrait(model, POSE), model, moved(POSE, side * pitch), height)
@@ -145,9 +139,7 @@ def test_a_face_cut_by_the_images_border_is_refused(cut_shot: Shot, t11: PalletM
 
 @pytest.mark.parametrize("fill", ["plain", "noise"])
 @HEIGHTS
-def test_an_image_without_a_pallet_gives_a_refusal(
-    fill: str, height: HeightPrior | None, portrait: Portrait, t11: PalletModel
-) -> None:
+def test_images_without_pallets_are_refused(fill: str, height: Height, portrait: Portrait, t11: PalletModel) -> None:
     shot = portrait(t11, POSE)
     shape = shot.image.shape
     noise = np.random.default_rng(0).integers(0, 256, shape, dtype=np.uint8)
@@ -177,7 +169,7 @@ def misled(monkeypatch: pytest.MonkeyPatch, right: float) -> None:
 
 @pytest.mark.parametrize(("height", "is_found"), [(FLOOR, True), (None, False)], ids=["level", "free"])
 def test_on_a_level_a_start_is_tried_itself_where_the_search_leads_nowhere(
-    monkeypatch: pytest.MonkeyPatch, portrait: Portrait, t11: PalletModel, height: HeightPrior | None, is_found: bool
+    monkeypatch: pytest.MonkeyPatch, portrait: Portrait, t11: PalletModel, height: Height, is_found: bool
 ) -> None:
     misled(monkeypatch, 0.2)
     outcome = measured(portrait(t11, POSE), t11, moved(POSE, 0.004, 0.006), height)

@@ -11,15 +11,8 @@ from palletloc.face import face_lines
 from palletloc.geometry import FloatArray
 from palletloc.measurement import Reason
 from palletloc.methods import measure_refined
-from palletloc.refinement.face_fit import (
-    EDGES_PER_NAT,
-    HIDDEN_DOUBT,
-    FaceEstimate,
-    FaceFitConfig,
-    FacePrior,
-    YawPrior,
-    fit_face,
-)
+from palletloc.refinement import face_fit
+from palletloc.refinement.face_fit import FaceEstimate, FaceFitConfig, FacePrior, YawPrior, fit_face
 from tests.palletloc.poses import CONFIG, FLOOR, POSE, Portrait, found, moved
 
 LENS_BLUR = 0.7
@@ -106,7 +99,7 @@ def test_a_pallet_behind_a_post_is_right_or_refused(
 @pytest.mark.parametrize(
     ("model", "middle"), [("t11", -0.33), ("t11", 0.33), ("epal", -0.55), ("epal", 0.55)], indirect=["model"]
 )
-def test_a_post_before_an_opening_or_block_costs_no_row(
+def test_a_post_before_a_part_costs_no_row(
     model: PalletModel, middle: float, width: float, portrait: Portrait
 ) -> None:
     shot = behind(portrait(model, POSE), middle - width / 2, middle + width / 2)
@@ -173,17 +166,15 @@ def test_what_is_hidden_at_a_side_makes_no_pose_surer(side: str, model: PalletMo
         assert (sigmas[1] > 0.9 * sigmas[0]).all()
 
 
-def test_a_hidden_edge_counts_half_and_more_hidden_than_allowed_is_refused(
-    t11: PalletModel, portrait: Portrait
-) -> None:
+def test_a_hidden_edge_counts_half_and_too_much_hidden_is_refused(t11: PalletModel, portrait: Portrait) -> None:
     found = estimate(behind(portrait(t11, POSE), 0.2, 0.6), t11)
     assert len(found.hidden) > 0
     seen = found.seen
     missing = seen.expected - sum(
         edge.evidence_weight * weight for edge, weight in zip(seen.edges, found.weights, strict=True)
     )
-    free = missing + max(found.chi2 - 1.0, 0.0) - EDGES_PER_NAT * found.behind
-    assert found.doubt - free == pytest.approx(HIDDEN_DOUBT * len(found.hidden))
+    free = missing + max(found.chi2 - 1.0, 0.0) - face_fit.EDGES_PER_NAT * found.behind
+    assert found.doubt - free == pytest.approx(face_fit.HIDDEN_DOUBT * len(found.hidden))
     shot = behind(portrait(t11, POSE), 0.1, 0.42)
     part = estimate(shot, t11).seen.hidden_part
     assert 0.1 < part < FaceFitConfig().max_hidden

@@ -1,6 +1,5 @@
 """Which faces can be built, and bad files of them: one line with file, line or key, and what was expected."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -13,6 +12,7 @@ from hypothesis import strategies as st
 
 from palletloc import Opening, PalletModel
 from palletloc.pallet_library import PalletFileError, read_pallets
+from tests.palletloc.poses import WritePallets
 
 LEFT = Opening(center=-0.26, bottom=0.024, width=0.30, height=0.09, radius=0.01)
 RIGHT = Opening(center=0.26, bottom=0.024, width=0.30, height=0.09, radius=0.01)
@@ -36,9 +36,10 @@ def model_of_parts(parts: list[float], bottom: float = 0.02) -> PalletModel:
     return PalletModel("parts", width=sum(parts), height=0.15, depth=1.0, openings=openings)
 
 
-def test_an_opening_lies_between_its_sides() -> None:
+def test_an_opening_lies_between_its_sides_and_equal_models_are_one_key_of_a_cache() -> None:
     assert (LEFT.left, LEFT.right) == pytest.approx((-0.41, -0.11))
     assert (LEFT.bottom, LEFT.top) == pytest.approx((0.024, 0.114))
+    assert {MODEL: 1}[replace(MODEL)] == 1
 
 
 @pytest.mark.parametrize(("bottom", "is_open"), [(0.0, True), (0.001, False)])
@@ -58,10 +59,6 @@ def test_blocks_and_openings_cover_the_face(parts: list[float]) -> None:
     cuts = [side for block in model.blocks for side in block]
     assert cuts == sorted(cuts)
     assert (cuts[0], cuts[-1]) == pytest.approx((-model.width / 2, model.width / 2))
-
-
-def test_equal_models_are_one_key_of_a_cache() -> None:
-    assert {MODEL: 1}[replace(MODEL)] == 1
 
 
 @given(not_finite)
@@ -195,9 +192,7 @@ def test_what_is_no_file_is_named(tmp_path: Path) -> None:
         ("a: &a [*a]\n", ": a: expected a mapping of keys to values, got a list"),
     ],
 )
-def test_a_file_holds_models_by_name(
-    pallet_file: Callable[[str | bytes], Path], content: str | bytes, problem: str
-) -> None:
+def test_a_file_holds_models_by_name(pallet_file: WritePallets, content: str | bytes, problem: str) -> None:
     assert complaint(pallet_file(content)) == problem
 
 
@@ -217,14 +212,14 @@ def test_a_file_holds_models_by_name(
         ("[" * 100_000, ", line 1: "),
     ],
 )
-def test_malformed_yaml_is_refused(pallet_file: Callable[[str], Path], content: str, problem: str) -> None:
+def test_malformed_yaml_is_refused(pallet_file: WritePallets, content: str, problem: str) -> None:
     assert complaint(pallet_file(content)).startswith(problem)
 
 
 @pytest.mark.parametrize(
     ("name", "shown"), [("1200", "1200"), ("a/b", "'a/b'"), ("'a,b'", "'a,b'"), ("'a b'", "'a b'"), ("''", "''")]
 )
-def test_a_name_fits_into_a_table_and_a_file_name(pallet_file: Callable[[str], Path], name: str, shown: str) -> None:
+def test_a_name_fits_into_a_table_and_a_file_name(pallet_file: WritePallets, name: str, shown: str) -> None:
     expected = f": {shown} is no name of a pallet model; expected letters, digits, '-', '_', '.'"
     assert complaint(pallet_file(GOOD.replace("mine", name, 1))) == expected
 
@@ -308,12 +303,12 @@ def test_a_name_fits_into_a_table_and_a_file_name(pallet_file: Callable[[str], P
         ("depth_m: 0.9", "depth_m: 0", "mine: the face's depth must be positive, got 0 m"),
     ],
 )
-def test_a_wrong_key_or_value_is_named(pallet_file: Callable[[str], Path], old: str, new: str, problem: str) -> None:
+def test_a_wrong_key_or_value_is_named(pallet_file: WritePallets, old: str, new: str, problem: str) -> None:
     content = GOOD.replace(old, new, 1)
     assert content != GOOD
     assert complaint(pallet_file(content)).startswith(f": {problem}")
 
 
-def test_a_misspelt_key_is_named_before_the_missing_one(pallet_file: Callable[[str], Path]) -> None:
+def test_a_misspelt_key_is_named_before_the_missing_one(pallet_file: WritePallets) -> None:
     content = GOOD.replace("depth_m", "deepth_m").replace("height_m: 0.144, ", "")
     assert complaint(pallet_file(content)).startswith(": mine: unknown key 'deepth_m'")

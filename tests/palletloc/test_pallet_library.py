@@ -1,5 +1,4 @@
 import re
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -12,6 +11,7 @@ from hypothesis import strategies as st
 
 from palletloc import Opening, PalletLocError, PalletModel, find_models, load_library
 from palletloc.pallet_library import format_pallets, read_pallets
+from tests.palletloc.poses import WritePallets
 
 ROOT = Path(__file__).resolve().parents[2]
 SHARED = ROOT.parent / "shared/data"
@@ -31,15 +31,12 @@ def millimetres(model: PalletModel) -> list[float]:
 # The library: dimensions as published, in millimetres.
 
 
-def test_the_1200_face_of_an_epal_1_has_the_published_parts() -> None:
+def test_both_faces_of_an_epal_1_have_the_published_parts() -> None:
     model = LIBRARY["epal1-1200"]
     assert millimetres(model) == [145, 382.5, 145, 382.5, 145]
     assert (model.height, model.depth) == (0.144, 0.8)
     levels = {(opening.bottom, round(opening.top, 6), opening.open_below) for opening in model.openings}
     assert levels == {(0.022, 0.122, False)}
-
-
-def test_the_800_face_of_an_epal_1_is_open_at_the_floor() -> None:
     model = LIBRARY["epal1-800"]
     assert millimetres(model) == [100, 227.5, 145, 227.5, 100]
     assert (model.height, model.depth) == (0.144, 1.2)
@@ -83,13 +80,10 @@ def test_the_example_is_the_pallet_of_the_recordings() -> None:
     assert replace(LIBRARY["t11-plastic"], source="", note="") == read_pallets(path)["t11-plastic"]
 
 
-def test_every_face_is_the_same_from_left_and_right() -> None:
+def test_every_face_is_symmetric_and_says_where_it_comes_from_and_what_is_assumed() -> None:
     for model in LIBRARY.values():
         mirrored = [replace(opening, center=-opening.center) for opening in reversed(model.openings)]
         assert tuple(mirrored) == model.openings
-
-
-def test_every_model_says_where_it_comes_from_and_what_is_assumed() -> None:
     for model in LIBRARY.values():
         assert model.source
         assert model.confirmed or model.note
@@ -121,21 +115,18 @@ def test_the_page_lists_every_model_with_its_status() -> None:
         assert (status == "confirmed") is model.confirmed
 
 
-def test_a_caller_may_change_what_it_was_given() -> None:
+def test_models_come_once_in_the_order_of_the_names_the_users_first_and_may_be_changed() -> None:
     load_library().clear()
     assert load_library() == LIBRARY
-
-
-# Finding models by name.
-
-
-def test_models_come_once_in_the_order_of_the_names_and_the_users_first() -> None:
     names = ["t11", "epal1-800", "cp9"]
     assert [model.name for model in find_models(names, {})] == names
     assert find_models(["t11", "cp9", "t11"], {}) == (LIBRARY["t11"], LIBRARY["cp9"])
     mine = replace(LIBRARY["cp9"], name="t11")
     assert find_models(["t11"], {"t11": mine}) == (mine,)
     assert find_models(["t11"], {}) == (LIBRARY["t11"],)
+
+
+# Finding models by name.
 
 
 @pytest.mark.parametrize(("name", "nearest"), [("t11-plastik", "t11-plastic"), ("my-palet", "my-pallet")])
@@ -148,32 +139,27 @@ def test_an_unknown_name_gives_the_nearest(name: str, nearest: str) -> None:
 # The form of the file.
 
 
-def test_left_out_keys_have_defaults(pallet_file: Callable[[str | bytes], Path]) -> None:
+def test_a_file_may_leave_out_keys_begin_with_a_mark_and_be_named_by_text(pallet_file: WritePallets) -> None:
     opening = Opening(center=0.1, bottom=0.02, width=0.3, height=0.1)
     expected = PalletModel("mine", width=1.1, height=0.144, depth=0.9, openings=(opening,))
     assert read_pallets(pallet_file(GOOD)) == {"mine": expected}
-
-
-def test_a_path_may_be_text_and_a_byte_order_mark_is_no_part_of_it(
-    pallet_file: Callable[[str | bytes], Path],
-) -> None:
     assert list(read_pallets(str(pallet_file(GOOD)))) == ["mine"]
     assert list(read_pallets(pallet_file(b"\xef\xbb\xbf" + GOOD.encode()))) == ["mine"]
 
 
-def test_pockets_are_openings_beside_the_middle_block(pallet_file: Callable[[str | bytes], Path]) -> None:
+def test_pockets_are_openings_beside_the_middle_block(pallet_file: WritePallets) -> None:
     model = read_pallets(pallet_file(f"mine: {{{FACE}, parametric: {POCKETS}}}"))["mine"]
     assert model.openings == (Opening(-0.25, 0.0, 0.3, 0.1), Opening(0.25, 0.0, 0.3, 0.1))
     assert millimetres(model) == [150, 300, 200, 300, 150]
 
 
 @pytest.mark.parametrize("number", ["9e-1", "0.9", ".9", "+0.9"])
-def test_a_number_is_a_number_however_it_is_written(pallet_file: Callable[[str | bytes], Path], number: str) -> None:
+def test_a_number_is_a_number_however_it_is_written(pallet_file: WritePallets, number: str) -> None:
     content = GOOD.replace("depth_m: 0.9", f"depth_m: {number}")
     assert read_pallets(pallet_file(content))["mine"].depth == 0.9
 
 
-def test_an_anchor_repeats_a_value(pallet_file: Callable[[str | bytes], Path]) -> None:
+def test_an_anchor_repeats_a_value(pallet_file: WritePallets) -> None:
     text = f"one: &one {{{FACE}, openings: [{OPENING}]}}\ntwo: {{<<: *one, depth_m: 2}}\n"
     models = read_pallets(pallet_file(text))
     assert replace(models["one"], name="two", depth=2.0) == models["two"]
@@ -218,9 +204,7 @@ def test_what_is_written_is_read_back_unchanged(model: PalletModel, tmp_path_fac
     assert read_pallets(path) == {model.name: model}
 
 
-def test_the_library_is_written_in_the_contracts_form_and_read_back(
-    pallet_file: Callable[[str | bytes], Path],
-) -> None:
+def test_the_library_is_written_as_the_contract_says_and_read_back(pallet_file: WritePallets) -> None:
     assert read_pallets(pallet_file(format_pallets(LIBRARY.values()))) == LIBRARY
     written = yaml.safe_load(format_pallets([LIBRARY["t11-plastic"]]))["t11-plastic"]
     assert {"width_m", "height_m", "depth_m", "corner_radius_m", "edge_radius_m", "openings"} <= set(written)

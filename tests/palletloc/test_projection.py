@@ -146,9 +146,7 @@ def beside(mounted: Mounted, distance: float, yaw_deg: float = 3.0) -> RigidTran
     return place_plane(camera_from_forklift, LevelPose(0.3, distance - 0.1, 0.0, np.pi / 2), PALLET_FROM_VERTICAL)
 
 
-def error_px(
-    table: RemapTable, camera: CameraModel, camera_from_plane: RigidTransform, grid: PlaneGrid
-) -> FloatArray:
+def off_px(table: RemapTable, camera: CameraModel, camera_from_plane: RigidTransform, grid: PlaneGrid) -> FloatArray:
     exact = exact_map(camera, camera_from_plane, grid)
     away = (table.pixels() - exact.pixels)[table.valid & exact.valid]
     if camera.period_px is not None:
@@ -167,7 +165,7 @@ def test_a_coarse_table_is_within_its_error_of_the_exact_map(
     table = coarse_table(Projector(camera), camera_from_plane, SHELF)
     assert table.complete
     assert table.places.shape == (SHELF.rows, SHELF.columns, 2)
-    assert error_px(table, camera, camera_from_plane, SHELF).max() < 1.1 * MAX_ERROR_PX
+    assert off_px(table, camera, camera_from_plane, SHELF).max() < 1.1 * MAX_ERROR_PX
 
 
 def test_an_ordinary_table_is_coarse_shows_the_same_and_cannot_be_written(mounted: Mounted) -> None:
@@ -175,8 +173,7 @@ def test_an_ordinary_table_is_coarse_shows_the_same_and_cannot_be_written(mounte
     projector = Projector(camera)
     table, exact = coarse_table(projector, camera_from_plane, SHELF), projector.table(camera_from_plane, SHELF)
     assert (
-        error_px(table, camera, camera_from_plane, SHELF).max()
-        > error_px(exact, camera, camera_from_plane, SHELF).max()
+        off_px(table, camera, camera_from_plane, SHELF).max() > off_px(exact, camera, camera_from_plane, SHELF).max()
     )
     columns, rows = np.meshgrid(np.arange(3840), np.arange(1920))
     image = (127 + 60 * np.sin(columns / 40) + 60 * np.sin(rows / 40)).astype(np.uint8)
@@ -240,16 +237,13 @@ def test_seen_straight_a_pixel_spans_distance_over_focal_length() -> None:
     np.testing.assert_allclose(sizes, [3.0 / 400.0, 3.0 / 200.0], rtol=1e-4)
 
 
-def test_the_seam_of_a_closed_image_is_like_any_other_place() -> None:
+def test_the_seam_is_like_any_other_place_and_what_is_not_seen_has_no_finite_size() -> None:
     camera = LENSES["equirectangular"]
     points = np.stack([np.linspace(-1e-4, 1e-4, 21), np.full(21, 0.1)], -1)
     right = np.broadcast_to([1.0, 0.0], points.shape)
     ahead = pixel_sizes(camera, placed(2.0, 0.0, -0.5, 0.0, PALLET_FROM_VERTICAL), points, right)
     behind = pixel_sizes(camera, placed(-2.0, 0.0, -0.5, np.pi, PALLET_FROM_VERTICAL), points, right)
     np.testing.assert_allclose(behind, ahead, rtol=1e-6)
-
-
-def test_what_is_not_seen_has_no_finite_size() -> None:
     camera = LENSES["pinhole"]
     sizes = pixel_sizes(camera, placed(-2.0, 0.0, 0.0, 0.0, PALLET_FROM_VERTICAL), POINTS, DIRECTIONS)
     assert np.isinf(sizes).all()

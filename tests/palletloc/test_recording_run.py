@@ -170,9 +170,7 @@ def test_strict_ends_at_the_first_bad_shot(blank_recording: Path, tmp_path: Path
     assert not (tmp_path / "out" / "measurements.csv").exists()
 
 
-def test_without_a_usable_shot_the_recording_is_at_fault_or_its_only_shot(
-    blank_recording: Path, tmp_path: Path
-) -> None:
+def test_with_no_usable_shot_a_recording_is_at_fault_or_its_only_shot(blank_recording: Path, tmp_path: Path) -> None:
     damage(blank_recording, 0, 1, 2, 3)
     with pytest.raises(ShotError) as caught:
         worked(read_job(blank_recording), tmp_path / "out")
@@ -195,9 +193,7 @@ def test_what_was_skipped_is_passed_over_again(blank_recording: Path, tmp_path: 
     assert len(outcomes) == 1
 
 
-def test_a_full_disk_is_no_shots_fault(
-    blank_recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_full_disks_blame_no_shot(blank_recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def cannot(*_arguments: object) -> None:
         raise OutputError("out: cannot be written: No space left on device")
 

@@ -12,14 +12,14 @@ from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
 from palletloc.methods import measure_refined
 from palletloc.refinement.face_fit import FaceEstimate, FacePrior, fit_face
 from palletloc.refinement.patch import FacePatch, view_patch
-from palletloc.rivals import Rival, any_height, one_opening_aside, other_model, other_starts, own_start, wide_start
+from palletloc.rivals import Rival, any_height, one_opening_aside, other_models, other_starts, own_start, wide_start
 from palletloc.verification import Evidence
-from tests.palletloc.poses import CONFIG, FLOOR, POSE, Outcome, Portrait, found, moved, slid
+from tests.palletloc.poses import CONFIG, FLOOR, POSE, Height, Outcome, Portrait, found, moved, slid
 
 CERTAIN, DOUBTFUL = Evidence(4.0, 1.0, 0.8, 0.1), Evidence(2.2, 0.6, 0.5, 3.0)
 
 
-def measured(shot: Shot, model: PalletModel, start: LevelPose = POSE, height: HeightPrior | None = FLOOR) -> Outcome:
+def measured(shot: Shot, model: PalletModel, start: LevelPose = POSE, height: Height = FLOOR) -> Outcome:
     return measure_refined(shot, Candidate(model, start, height), CONFIG)
 
 
@@ -103,20 +103,18 @@ def believed(shot: Shot, model: PalletModel, right: float, hidden: float) -> Fit
 def test_a_pallet_taken_one_opening_aside_is_taken_back(portrait: Portrait, model: PalletModel, side: int) -> None:
     shot = portrait(model, POSE)
     alias = believed(shot, model, side * (model.openings[1].center - model.openings[0].center), 0.3)
-    back = decide(alias, [one_opening_aside(shot, alias, measure_refined, CONFIG)], CONFIG)
+    back = decide(alias, one_opening_aside(shot, alias, measure_refined, CONFIG), CONFIG)
     assert isinstance(back, Fit)
     assert np.hypot(*back.pose.minus(POSE)[:2]) < 0.01
     assert back.candidate is alias.candidate
 
 
-def test_the_right_one_stays_and_what_is_beyond_doubt_is_not_asked_again(
-    portrait: Portrait, epal: PalletModel
-) -> None:
+def test_the_right_one_stays_and_none_beyond_doubt_is_asked_again(portrait: Portrait, epal: PalletModel) -> None:
     shot = portrait(epal, POSE)
     fit = found(measured(shot, epal))
     assert fit.evidence is not None
     doubtful = replace(fit, evidence=replace(fit.evidence, hidden=0.1))
-    kept = decide(doubtful, [one_opening_aside(shot, doubtful, measure_refined, CONFIG)], CONFIG)
+    kept = decide(doubtful, one_opening_aside(shot, doubtful, measure_refined, CONFIG), CONFIG)
     assert isinstance(kept, Fit)
     assert kept.pose is fit.pose
     np.testing.assert_array_equal(kept.covariance, fit.covariance)
@@ -136,7 +134,7 @@ def test_a_rival_that_fails_its_checks_still_refuses(portrait: Portrait, epal: P
         rival = measure_refined(shot, candidate, config)
         return given_up(rival) if isinstance(rival, Fit) else rival
 
-    refused = decide(alias, [one_opening_aside(shot, alias, measure_badly, CONFIG)], CONFIG)
+    refused = decide(alias, one_opening_aside(shot, alias, measure_badly, CONFIG), CONFIG)
     assert isinstance(refused, Refusal)
     assert (refused.stage, refused.reason, refused.fit) == (Stage.VERIFICATION, Reason.OVERLAP, alias)
 
@@ -158,7 +156,7 @@ def test_at_any_height_a_model_gives_way_to_the_one_that_stands_there(
     assert np.abs(right.pose.minus(POSE))[:3].max() < 0.03
 
 
-def test_a_model_that_looks_alike_is_no_contradiction(portrait: Portrait, t11: PalletModel) -> None:
+def test_models_alike_contradict_nothing_and_on_a_level_none_is_tried(portrait: Portrait, t11: PalletModel) -> None:
     shot, alike = portrait(t11, POSE), replace(t11, name="alike", width=t11.width + 0.002)
     alone, together = (
         Localizer(models).localize_from(shot, [Start("t11", POSE)])[0] for models in ([t11], [t11, alike])
@@ -167,16 +165,11 @@ def test_a_model_that_looks_alike_is_no_contradiction(portrait: Portrait, t11: P
     assert together is not None
     assert together.forklift_from_pallet == alone.forklift_from_pallet
     assert (np.diag(together.covariance) >= np.diag(alone.covariance)).all()
-
-
-def test_no_other_model_is_tried_on_a_level_for_itself_or_what_was_refused(
-    portrait: Portrait, t11: PalletModel
-) -> None:
     shot, other = portrait(t11, POSE), replace(t11, name="other", width=1.2)
     known = found(measured(shot, t11))
     free = replace(known, candidate=replace(known.candidate, height=None))
     for best, model in ((known, other), (free, t11), (given_up(free), other), (replace(free, face=None), other)):
-        assert list(other_model(shot, best, model, never, CONFIG)) == []
+        assert list(other_models(shot, best, [model], never, CONFIG)) == []
 
 
 # The same face at any height.

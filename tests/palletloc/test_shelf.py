@@ -231,7 +231,7 @@ def test_a_face_is_found_where_it_stands(place: float, depth: float, yaw: float,
     assert found[4] > 0.7
 
 
-def test_the_first_pass_scores_as_the_template_is_matched(shown: Shown) -> None:
+def test_the_first_pass_scores_as_the_template_and_refining_loses_no_score(shown: Shown) -> None:
     seen, template, steps = shown(0.4, 0.05)
     sites = search(seen, template, steps, replace(CONFIG, min_score=-1.0))
     placement = FacePlacement(
@@ -243,6 +243,14 @@ def test_the_first_pass_scores_as_the_template_is_matched(shown: Shown) -> None:
     assert inside.any()
     np.testing.assert_allclose(sites.score[inside], score[inside], atol=0.1)
     assert np.abs(sites.score - score).mean() < 0.06
+    seen, template, steps = shown(0.73, 0.11, 0.05)
+    first = search(seen, template, steps, CONFIG)
+    second = refine(seen, template, steps, first, 1.0, CONFIG)
+    assert len(second.place) == len(first.place)
+    assert second.score.max() > first.score.max()
+    assert (second.score >= first.score - 0.06).all()
+    near = np.abs(second.depth - first.depth) <= np.diff(steps.scales)[0] * DISTANCE + 1e-9
+    assert near.all()
 
 
 def test_steps_are_as_fine_as_the_view_tolerates(shown: Shown, epal: PalletModel) -> None:
@@ -259,17 +267,6 @@ def test_steps_are_as_fine_as_the_view_tolerates(shown: Shown, epal: PalletModel
     assert level.heights.tolist() == [0.0]
     assert free.heights[0] == pytest.approx(CONFIG.heights[0])
     assert free.heights[-1] > CONFIG.heights[1] - 0.05
-
-
-def test_refining_moves_along_the_ray_and_does_not_lose_score(shown: Shown) -> None:
-    seen, template, steps = shown(0.73, 0.11, 0.05)
-    first = search(seen, template, steps, CONFIG)
-    second = refine(seen, template, steps, first, 1.0, CONFIG)
-    assert len(second.place) == len(first.place)
-    assert second.score.max() > first.score.max()
-    assert (second.score >= first.score - 0.06).all()
-    near = np.abs(second.depth - first.depth) <= np.diff(steps.scales)[0] * DISTANCE + 1e-9
-    assert near.all()
 
 
 def test_what_the_view_leaves_open_stays_near_the_nominal_plane_and_nothing_stays_nothing(shown: Shown) -> None:

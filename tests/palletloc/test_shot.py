@@ -8,21 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
-from palletloc import (
-    Candidate,
-    Explanation,
-    Fit,
-    LevelPose,
-    Mounting,
-    PalletModel,
-    Refusal,
-    RefusedCandidate,
-    ShelfPlane,
-    Shot,
-)
+from palletloc import Candidate, Explanation, Fit, LevelPose, Mounting, PalletModel, Refusal, ShelfPlane, Shot
 from palletloc.cameras import CameraModel, DualFisheye, Equirectangular, FisheyeLens, KannalaBrandt, Pinhole
 from palletloc.candidate import last_step, steps_of
-from palletloc.measurement import Reason, Stage, YawSource
+from palletloc.measurement import Reason, RefusedCandidate, Stage, YawSource
 from palletloc.plane import PALLET_FROM_HORIZONTAL, PALLET_FROM_VERTICAL, PlaneGrid
 from palletloc.projection import Projector
 from palletloc.shot import BRIGHT, MIN_DISTANCE, MOST_GAIN, out_of_sight, points_about, shelf_points
@@ -52,16 +41,13 @@ def shot(request: pytest.FixtureRequest, mounted: Mounted) -> Shot:
     return Shot(image, camera, Mounting(mounted(0.3, -0.1, 1.2, 78.0, 15.0, -1.0)), 2.5, "a.png")
 
 
-def test_where_the_camera_is_in_a_faces_coordinates(shot: Shot) -> None:
+def test_a_shot_knows_where_the_camera_is_and_projects_from_its_mounting(shot: Shot) -> None:
     forklift_from_face = POSE.transform() * PALLET_FROM_VERTICAL
     camera = shot.camera_in(POSE)
     np.testing.assert_allclose(forklift_from_face.apply(camera), shot.mounting.center, atol=1e-12)
-    expected = (shot.mounting.to_camera * forklift_from_face).as_matrix()
-    np.testing.assert_allclose(shot.camera_from_face(POSE), expected, atol=1e-12)
+    matrix = (shot.mounting.to_camera * forklift_from_face).as_matrix()
+    np.testing.assert_allclose(shot.camera_from_face(POSE), matrix, atol=1e-12)
     assert shot.camera_in(replace(POSE, yaw=POSE.yaw + np.pi))[2] == pytest.approx(-camera[2])
-
-
-def test_points_are_projected_as_the_camera_does_from_its_mounting(shot: Shot) -> None:
     points = np.random.default_rng(1).uniform([-1.0, -3.0, 0.0], [3.0, 3.0, 2.0], (2, 30, 3))
     found, expected = shot.project(points), shot.camera.project(shot.mounting.to_camera.apply(points.reshape(-1, 3)))
     np.testing.assert_array_equal(found.valid, expected.valid.reshape(2, 30))
@@ -209,15 +195,12 @@ def test_nothing_can_be_written_into_a_shot_or_into_what_is_found_in_it(fit: Fit
         assert not hasattr(value, "__dict__")  # nothing can be added, either
 
 
-def test_its_rank_is_its_score_before_the_checks_and_what_they_say_after_them(fit: Fit) -> None:
+def test_a_rank_is_its_score_until_the_checks_and_fits_and_refusals_give_it_alike(fit: Fit) -> None:
     assert fit.rank == fit.candidate.score == 0.7
     checked = replace(fit, evidence=EVIDENCE)
     assert checked.rank == EVIDENCE.probability != 0.7
     before, after = (Refusal(fit.candidate, Stage.POSITION, Reason.NO_PEAK, each) for each in (None, checked))
     assert (before.rank, after.rank) == (0.7, EVIDENCE.probability)
-
-
-def test_fits_and_refusals_give_what_was_measured_and_unchecked_ones_explain_nothing(fit: Fit) -> None:
     unseen = Refusal(fit.candidate, Stage.SEARCH, Reason.NO_PEAK)
     for outcome in (fit, replace(fit, evidence=EVIDENCE), unseen):
         assert outcome.likelihood == -math.inf
@@ -226,16 +209,13 @@ def test_fits_and_refusals_give_what_was_measured_and_unchecked_ones_explain_not
     assert Refusal(fit.candidate, Stage.YAW, Reason.NO_LINE).fit is None
 
 
-def test_steps_are_found_by_their_kind_in_their_order(fit: Fit) -> None:
+def test_steps_are_found_by_their_kind_and_rows_are_fits_and_refusals_in_their_order(fit: Fit, taken: Shot) -> None:
     for outcome in (fit, Refusal(fit.candidate, Stage.YAW, Reason.NO_LINE, None, fit.steps)):
         assert steps_of(outcome, str) == ["a view", "another view"]
         assert last_step(outcome, str) == "another view"
         assert last_step(outcome, int) == 1
         assert last_step(outcome, float) is None
         assert steps_of(outcome, float) == []
-
-
-def test_a_shots_rows_are_its_fits_and_its_refusals_in_their_order(fit: Fit, taken: Shot) -> None:
     refusal = Refusal(fit.candidate, Stage.YAW, Reason.NO_LINE, fit)
     explained = Explanation(taken, (), (), (refusal, fit, refusal))
     (row,) = explained.measurements

@@ -136,8 +136,7 @@ def test_eucm_agrees_with_pycolmap_up_to_half_a_pixel() -> None:
 )
 def test_nothing_is_seen_beyond_the_models_own_limit(camera: CameraModel, limit_deg: float) -> None:
     angles = np.radians([limit_deg - 0.2, limit_deg + 0.2, 175.0])
-    rays = np.stack([np.cos(angles), np.sin(angles), np.zeros(3)], axis=-1)
-    projection = camera.project(rays)
+    projection = camera.project(np.stack([np.cos(angles), np.sin(angles), np.zeros(3)], axis=-1))
     np.testing.assert_array_equal(projection.valid, [True, False, False])
     assert np.isnan(projection.pixels[1:]).all()
 

@@ -113,12 +113,6 @@ def test_the_report_tells_what_the_metrics_tell(tmp_path: Path, estimate: Path) 
     assert "data:image/jpeg" not in page
 
 
-def test_images_that_cannot_be_read_are_said_and_do_not_stop_the_report(surveyed: Path) -> None:
-    page = page_of(surveyed)
-    assert page.count("No picture: ") == 4
-    assert "<details" not in page
-
-
 def test_no_half_written_result_when_drawing_fails(
     tmp_path: Path, estimate: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -131,7 +125,9 @@ def test_no_half_written_result_when_drawing_fails(
     assert not (tmp_path / "out").exists()
 
 
-def test_an_exact_survey_agrees_with_the_path_and_judges_the_stops(surveyed: Path) -> None:
+def test_an_exact_survey_agrees_with_the_path_and_judges_the_stops_and_missing_images_are_said(
+    surveyed: Path,
+) -> None:
     document = read_metrics(surveyed)
     assert document["truth"]["kind"] == "path"
     against = document["truth"]["survey"]["against_path"]
@@ -141,7 +137,10 @@ def test_an_exact_survey_agrees_with_the_path_and_judges_the_stops(surveyed: Pat
     assert {stop["stop"] for stop in stops} == {"S1", "S2"}
     assert [stop["ap_m"] for stop in stops] == pytest.approx([0.003] * len(stops), abs=2e-4)
     assert all(stop["rp_m"] is None and stop["n"] == 1 and stop["truth_sigma_m"]["depth"] > 0 for stop in stops)
-    assert "At the surveyed stops" in page_of(surveyed)
+    page = page_of(surveyed)
+    assert "At the surveyed stops" in page
+    assert page.count("No picture: ") == 4
+    assert "<details" not in page
 
 
 def test_a_survey_alone_is_truth_enough_for_its_stops(tmp_path: Path, recording: Path, estimate: Path) -> None:

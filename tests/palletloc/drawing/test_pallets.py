@@ -61,7 +61,7 @@ def require_inside(figure: Figure) -> None:
         assert page.y0 <= box.y0 <= box.y1 <= page.y1
 
 
-def test_all_faces_have_one_scale(library_figure: Figure) -> None:
+def test_all_faces_have_one_scale_and_pixels_are_square(library_figure: Figure) -> None:
     drawn = faces(library_figure)
     scales = [
         size / length
@@ -69,9 +69,6 @@ def test_all_faces_have_one_scale(library_figure: Figure) -> None:
         for size, length in ((box.get_width(), model.width), (box.get_height(), model.height))
     ]
     assert scales == pytest.approx([scales[0]] * len(scales))
-
-
-def test_pixels_are_square() -> None:
     figure = pallets_figure([CLOSED])
     x, y = figure.axes[0].transData.transform([[0.0, 0.0], [1.0, 1.0]]).T
     assert np.diff(x) == pytest.approx(np.diff(y))
@@ -99,24 +96,25 @@ def test_an_opening_ends_at_the_floor_and_a_bottom_board_lies_below_a_closed_one
         assert np.flatnonzero(hole.any(axis=1))[-1] <= np.flatnonzero(solid.any(axis=1))[-1] + below
 
 
-def test_every_model_has_its_name_and_its_mark(library_figure: Figure) -> None:
+def test_every_model_has_its_name_and_its_mark_that_changes_with_the_status_as_the_outline_does(
+    library_figure: Figure,
+) -> None:
     texts = Counter(text.get_text() for text in library_figure.axes[0].texts)
     assert [texts[name] for name in LIBRARY] == [1] * len(LIBRARY)
     confirmed = sum(model.confirmed for model in LIBRARY.values())
     assert (texts["confirmed"], texts["unconfirmed"]) == (confirmed, len(LIBRARY) - confirmed)
-
-
-def test_the_mark_and_the_outline_change_with_the_status() -> None:
     doubtful = pallets_figure([replace(CLOSED, confirmed=False)])
     sure = pallets_figure([replace(CLOSED, confirmed=True)])
     assert faces(doubtful)[0].get_linestyle() != faces(sure)[0].get_linestyle()
     assert "unconfirmed" in [text.get_text() for text in doubtful.axes[0].texts]
 
 
-def test_dimensions_are_in_millimetres() -> None:
+def test_dimensions_are_in_millimetres_and_a_dollar_sign_begins_no_formula() -> None:
     texts = Counter(text.get_text() for text in pallets_figure([CLOSED]).axes[0].texts)
     assert (texts["145"], texts["382.5"]) == (3, 2)  # the chain across the face
     assert (texts["22"], texts["100"], texts["144"]) == (2, 1, 1)  # the levels, and the whole height
+    (note,) = (text for text in pallets_figure([ODD]).axes[0].texts if "$" in text.get_text())
+    assert not note.get_parse_math()
 
 
 def test_nothing_leaves_the_page(library_figure: Figure) -> None:
@@ -136,11 +134,6 @@ def test_the_page_has_room_for_the_highest_face_wherever_it_stands_and_stays_a_p
     assert tuple(first.get_size_inches()) == tuple(last.get_size_inches())
     huge = replace(CLOSED, width=10.0, depth=10.0)
     assert max(pallets_figure([huge, CLOSED, OPEN]).get_size_inches()) < 20
-
-
-def test_a_dollar_sign_begins_no_formula() -> None:
-    texts = [text for text in pallets_figure([ODD]).axes[0].texts if "$" in text.get_text()]
-    assert [text.get_parse_math() for text in texts] == [False]
 
 
 def test_columns_are_filled_row_by_row() -> None:

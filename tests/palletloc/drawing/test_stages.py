@@ -95,8 +95,7 @@ def test_given_starts_have_no_shelf_view_and_are_all_drawn_where_asked(
     floor_shot: Shot, floor_pallets: tuple[Placed, ...], t11: PalletModel
 ) -> None:
     _, (_, pose) = floor_pallets
-    nowhere = replace(pose, x=pose.x + 0.55)  # shifted by one opening
-    starts = [Start("t11", pose), Start("t11", nowhere)]
+    starts = [Start("t11", pose), Start("t11", replace(pose, x=pose.x + 0.55))]  # shifted by one opening
     explained = localizer([t11]).explain_from(floor_shot, starts, (0.0,))
     assert [type(outcome) for outcome in explained.outcomes] == [Fit, Refusal]
     stages = [picture.stage for picture in stage_pictures(explained, None, with_refused=True)]
@@ -134,16 +133,15 @@ def test_figures_are_readable_and_their_titles_tell_what_was_found(
     assert f"yaw {np.degrees(estimate.yaw):.2f}" in " ".join(text.get_text() for text in horizontal.texts)
 
 
-def test_a_candidate_that_was_not_looked_at_cannot_be_drawn(t11: PalletModel) -> None:
+def test_a_candidate_that_was_not_looked_at_cannot_be_drawn_and_a_face_out_of_view_says_so(
+    t11: PalletModel, portrait: Callable[..., Shot]
+) -> None:
     candidate = Candidate(t11, LevelPose(1.0, 2.0, 0.0, 1.5))
     refusal = Refusal(candidate, Stage.START, Reason.OUT_OF_RANGE)
     with pytest.raises(ValueError, match="no horizontal view"):
         horizontal_figure("C1", refusal)
     with pytest.raises(ValueError, match="was not searched"):
         sweep_figure("C1", refusal)
-
-
-def test_a_face_out_of_view_says_so(portrait: Callable[..., Shot], t11: PalletModel) -> None:
     shot = portrait(t11, LevelPose(0.4, 2.0, 0.0, np.radians(91)))
     candidate = Candidate(t11, LevelPose(-3.0, -2.0, 0.0, np.radians(-90)))
     behind = Refusal(candidate, Stage.START, Reason.BEHIND_FACE)
@@ -197,8 +195,7 @@ def drawn_times(table: Axes) -> list[int]:
 def test_the_ellipses_show_one_and_three_standard_deviations_times_the_stated_factor(
     sigma: float, t11: PalletModel
 ) -> None:
-    figure = plan(sigma, LevelPose(2.0, 1.9, 0.0, 1.5), t11)
-    axes, table = figure.axes
+    axes, table = plan(sigma, LevelPose(2.0, 1.9, 0.0, 1.5), t11).axes
     factor = float(drawn_times(table)[0])
     assert sigma < 0.03 or factor == 1  # what can be seen has its true size
     ellipses = [patch for patch in axes.patches if isinstance(patch, Ellipse)]
@@ -224,15 +221,12 @@ def test_the_map_has_a_row_of_numbers_for_each_pallet(t11: PalletModel) -> None:
     assert {"P1", "0.500", "2.000", "1.900", "8.0", "4.0", "85.94"} <= set(cells)
 
 
-def test_the_pallet_lies_behind_its_front_on_the_map(t11: PalletModel) -> None:
+def test_the_pallet_lies_behind_its_front_on_the_map_that_has_one_scale(t11: PalletModel) -> None:
     figure = plan(0.003, LevelPose(2.0, 1.9, 0.0, np.pi / 2), t11, shelf=SHELF)
     corners = next(np.asarray(patch.get_xy()) for patch in figure.axes[0].patches if isinstance(patch, Polygon))
     assert corners.min(axis=0) == pytest.approx([2.0 - t11.width / 2, 1.9])
     assert corners.max(axis=0) == pytest.approx([2.0 + t11.width / 2, 1.9 + t11.depth])
     require_readable(figure)
-
-
-def test_the_map_has_one_scale(t11: PalletModel) -> None:
     axes = plan(0.003, LevelPose(4.0, -1.9, 0.0, -1.5), t11).axes[0]
     x, y = axes.transData.transform([[0.0, 0.0], [1.0, 1.0]]).T
     assert np.diff(x) == pytest.approx(np.diff(y), rel=0.01)

@@ -85,20 +85,16 @@ def test_edges_that_do_not_increase_steps_that_are_not_positive_and_other_shapes
             stop_accuracy(np.zeros(shape))
 
 
-def test_a_hand_made_square() -> None:
+def test_a_hand_made_square_and_distances_that_scatter_and_count_threefold() -> None:
     # four corners of a square of 2 cm about (3, 4) cm: all are sqrt(2) cm from the middle
     corners = np.array([[2, 3], [4, 3], [4, 5], [2, 5]]) / 100
-    offsets = np.column_stack([corners, np.zeros(4), [0.01, 0.03, 0.01, 0.03]])
-    stop = stop_accuracy(offsets)
+    stop = stop_accuracy(np.column_stack([corners, np.zeros(4), [0.01, 0.03, 0.01, 0.03]]))
     assert stop.n == 4
     assert stop.mean == pytest.approx([0.03, 0.04, 0.0])
     assert stop.ap == pytest.approx(0.05)
     assert stop.rp == pytest.approx(np.sqrt(2) / 100)  # no scatter of the distances
     assert stop.ap_yaw == pytest.approx(0.02)
     assert stop.rp_yaw == pytest.approx(3 * np.sqrt(4 * 0.01**2 / 3))
-
-
-def test_distances_that_scatter_count_threefold() -> None:
     # on a line at 0, 0, 0 and 4 cm: 1, 1, 1 and 3 cm from the middle, with a standard deviation of 1 cm
     offsets = np.zeros((4, 4))
     offsets[3, 0] = 0.04
@@ -113,15 +109,12 @@ def test_a_common_shift_moves_the_accuracy_alone() -> None:
     assert there.mean == pytest.approx(here.mean + np.array([0.1, 0, 0]))
 
 
-def test_yaw_errors_about_half_a_turn_do_not_cancel() -> None:
+def test_yaw_errors_about_half_a_turn_do_not_cancel_and_a_single_pose_has_no_repeatability() -> None:
     offsets = np.zeros((2, 4))
     offsets[:, 3] = np.pi - 0.01, -np.pi + 0.01
     stop = stop_accuracy(offsets)
     assert abs(stop.ap_yaw) == pytest.approx(np.pi)
     assert stop.rp_yaw == pytest.approx(3 * 0.01 * np.sqrt(2))
-
-
-def test_a_single_pose_has_an_accuracy_and_no_repeatability() -> None:
     stop = stop_accuracy(np.array([[0.0, 0.03, 0.04, 0.1]]))
     assert (stop.ap, stop.ap_yaw) == pytest.approx((0.05, 0.1))
     assert np.isnan([stop.rp, stop.rp_yaw]).all()
@@ -144,8 +137,7 @@ def test_differences_are_of_absolute_errors_second_minus_first() -> None:
 
 def test_views_that_one_run_lacks_are_listed_and_take_no_part() -> None:
     first = [error(0.0), error(1.0, "B", depth=9.0), error(1.0)]
-    second = [error(1.0), error(0.0), error(2.0, depth=9.0)]
-    found = compare_runs(first, second)
+    found = compare_runs(first, [error(1.0), error(0.0), error(2.0, depth=9.0)])
     assert (found.only_first, found.only_second) == (((1.0, "B"),), ((2.0, "A"),))
     assert (found.views, found.shots, found.differences["depth"].mean) == (2, 2, 0.0)
 

@@ -40,15 +40,12 @@ def face(pose: LevelPose, name: str = "A", visible: bool = True) -> TrueFace:
     return TrueFace(name, "t11", pose, 2.0, 1.8 - pose.z, visible)
 
 
-def test_the_closest_pairs_go_first_and_nothing_is_taken_twice() -> None:
+def test_the_closest_pairs_go_first_nothing_is_taken_twice_and_half_a_metre_off_belongs_to_nothing() -> None:
     faces = [face(LevelPose(0.0, 2, 0, 0), "A"), face(LevelPose(0.4, 2, 0, 0), "B")]
     # the first estimate is nearer to B, which the second one has
     shot = match_shot(0.0, [at(LevelPose(0.3, 2, 0, 0)), at(LevelPose(0.41, 2, 0, 0))], faces)
     found = {error.face.id: error.estimate.forklift_from_pallet.x for error in shot.errors}
     assert found == {"A": 0.3, "B": 0.41}
-
-
-def test_what_lies_half_a_metre_off_belongs_to_nothing() -> None:
     faces = [face(LevelPose(0, 2, 0, 0))]
     near, off = (match_shot(0.0, [at(LevelPose(0.3, 2, height, 0))], faces) for height in (0.39, 0.41))
     assert (len(near.errors), len(off.errors), len(off.missed), len(off.false)) == (1, 0, 1, 1)
@@ -94,15 +91,12 @@ def test_a_perfect_run_has_every_pallet_and_no_error_and_an_empty_one_misses_all
     assert (nothing.recall, nothing.found.trials) == (0.0, 8)
 
 
-def test_missed_and_false_ones_are_counted() -> None:
+def test_missed_and_false_ones_are_counted_and_a_second_estimate_of_a_pallet_is_false() -> None:
     rows = [row for row in everything() if (row.time, row.track) != (1.0, "A")] + [false_one(2.0), false_one(2.0)]
     run = match_run(TIMES, rows, SCENE)
     found = detection(run.shots)
     assert (found.found.successes, found.found.trials, found.false) == (7, 8, 2)
     assert [[face.id for face in shot.missed] for shot in run.shots] == [[], ["A"], [], []]
-
-
-def test_a_pallet_takes_one_estimate_and_the_second_is_false() -> None:
     run = match_run([0.0], [estimate(0.0, PALLETS[0], 0.02), estimate(0.0, PALLETS[0], 0.01)], SCENE)
     assert [error.depth for error in run.errors] == pytest.approx([0.01])
     assert len(run.shots[0].false) == 1
@@ -115,12 +109,15 @@ def test_a_pallet_beyond_sight_counts_neither_way() -> None:
     assert [error.face.id for error in run.shots[0].beyond] == ["A"]
 
 
-def test_shots_without_a_near_truth_are_left_out_and_listed() -> None:
+def test_the_nearest_truth_is_taken_as_it_is_and_shots_without_one_are_left_out_and_listed() -> None:
     scene = replace(SCENE, world_from_forklift=Trajectory(*np.array([[0.001, 2.0], [0, 1], [0, 0], [0, 0]])))
     run = match_run(TIMES, everything(), scene)
     assert [shot.time for shot in run.shots] == [0.0, 2.0]
     assert run.without_truth == (1.0, 3.0)
     assert run.largest == 0.001
+    moved = Trajectory(*np.array([[0.004, 1.0], [0.0, 1.0], [0.0, 0.0], [0.0, 0.0]]))
+    run = match_run([0.0], [estimate(0.0, PALLETS[0])], replace(SCENE, world_from_forklift=moved))
+    assert run.errors[0].offset == pytest.approx(np.zeros(4), abs=1e-12)
 
 
 def test_truth_is_interpolated_only_where_asked_and_never_outside() -> None:
@@ -132,12 +129,6 @@ def test_truth_is_interpolated_only_where_asked_and_never_outside() -> None:
     assert run.largest == 1.0
     assert max(np.abs(error.offset).max() for error in run.errors) < 1e-12
     assert len(match_run(TIMES, everything(), scene, TimeRule.INTERPOLATED, limit=1.9).shots) == 2
-
-
-def test_the_nearest_sample_is_taken_as_it_is() -> None:
-    moved = Trajectory(*np.array([[0.004, 1.0], [0.0, 1.0], [0.0, 0.0], [0.0, 0.0]]))
-    run = match_run([0.0], [estimate(0.0, PALLETS[0])], replace(SCENE, world_from_forklift=moved))
-    assert run.errors[0].offset == pytest.approx(np.zeros(4), abs=1e-12)
 
 
 def test_a_truth_of_another_time_and_an_estimate_of_no_shot_are_clear_errors() -> None:

@@ -74,18 +74,15 @@ def test_without_a_success_or_a_failure_the_interval_reaches_the_end_and_without
     assert np.isnan(found.value)
 
 
-def test_the_interval_covers_at_least_as_often_as_it_says() -> None:
+def test_with_every_trial_a_success_the_bound_is_a_power_and_the_interval_covers_as_often_as_it_says() -> None:
+    assert lower_bound(30, 30, 0.9) == pytest.approx(0.1 ** (1 / 30))
+    assert upper_bound(0, 30, 0.9) == pytest.approx(1 - 0.1 ** (1 / 30))
     trials, true = 30, 0.9
     chances = binom.pmf(np.arange(trials + 1), trials, true)
     covers = [
         found.low <= true <= found.high for found in (clopper_pearson(k, trials, 0.9) for k in range(trials + 1))
     ]
     assert 0.9 <= float(chances @ covers) < 1
-
-
-def test_with_every_trial_a_success_the_bound_is_a_power() -> None:
-    assert lower_bound(30, 30, 0.9) == pytest.approx(0.1 ** (1 / 30))
-    assert upper_bound(0, 30, 0.9) == pytest.approx(1 - 0.1 ** (1 / 30))
 
 
 def test_impossible_counts_and_requests_are_refused() -> None:
@@ -109,14 +106,11 @@ def test_nees_of_draws_from_a_covariance_is_chi_square() -> None:
     assert kstest([nees(error, covariance) for error in errors], chi2(4).cdf).pvalue > 0.01
 
 
-def test_normalised_errors_have_unit_variance_where_truth_and_estimate_err_independently() -> None:
+def test_normalised_errors_have_unit_variance_and_are_infinite_with_their_sign_without_one() -> None:
     rng = np.random.default_rng(1)
     error = rng.normal(scale=0.03, size=20000) - rng.normal(scale=0.04, size=20000)
     found = normalised(error, np.full(20000, 0.03**2 + 0.04**2))
     assert float(found.std()) == pytest.approx(1, abs=0.02)
-
-
-def test_without_a_variance_an_error_is_infinite_with_its_sign() -> None:
     assert normalised(np.array([-0.1, 0.2, 0.2]), np.array([0.0, -1.0, 4e-2])).tolist() == [-np.inf, np.inf, 1.0]
 
 
@@ -181,13 +175,10 @@ def test_together_counts_what_is_inside_in_every_way() -> None:
     assert checked.together.proportion.successes == 2
 
 
-def test_59_good_errors_show_95_percent_and_58_do_not() -> None:
+def test_59_good_errors_show_95_percent_and_58_do_not_and_errors_outside_that_it_is_not_met() -> None:
     # 0.95 ** 59 < 0.05 < 0.95 ** 58
     assert check_requirement(np.zeros((59, 4))).together.verdict is Verdict.MET
     assert check_requirement(np.zeros((58, 4))).together.verdict is Verdict.UNDECIDED
-
-
-def test_errors_outside_show_that_it_is_not_met() -> None:
     # one outside has a chance of 0.1, two of 0.01
     requirement = Requirement(share=0.9, confidence=0.95)
     assert check_requirement(np.ones((1, 4)), requirement).together.verdict is Verdict.UNDECIDED
@@ -203,13 +194,10 @@ def test_a_true_share_at_the_limit_is_called_met_no_oftener_than_the_confidence_
         assert verdicts.count(wrong) / len(verdicts) <= 0.1 + 0.03
 
 
-def test_missed_pallets_where_asked_and_values_that_are_not_finite_are_outside() -> None:
+def test_missed_pallets_where_asked_and_values_that_are_not_finite_are_outside_and_none_decide_nothing() -> None:
     checked = check_requirement(np.zeros((8, 4)), missed=2)
     assert checked.yaw.proportion.value == checked.together.proportion.value == 0.8
     assert check_requirement(np.full((1, 4), np.nan)).yaw.proportion.successes == 0
-
-
-def test_no_errors_decide_nothing() -> None:
     assert check_requirement(np.zeros((0, 4))).together.verdict is Verdict.UNDECIDED
 
 

@@ -107,9 +107,10 @@ def test_every_parameter_is_written_below_its_meaning(place: tuple[str, ...]) ->
     assert len(lines[row - 1]) > len(indent) + 8
 
 
-def test_a_choice_is_written_with_what_it_can_be() -> None:
+def test_a_choice_is_written_with_what_it_can_be_and_lines_fit_a_terminal() -> None:
     text = " ".join(format_config().replace("#", "").split())
     assert all(f"- {word}: " in text for word in BoundaryMethod)
+    assert max(map(len, format_config().splitlines())) <= 100
 
 
 def test_only_a_value_that_is_not_the_default_names_the_default() -> None:
@@ -118,10 +119,6 @@ def test_only_a_value_that_is_not_the_default_names_the_default() -> None:
     lines = format_config(mine).splitlines()
     assert [line for line in lines if "[default: " in line] == [lines[lines.index("  max_range: 4.25") - 1]]
     assert f"[default: {DEFAULT.detection.max_range}]" in lines[lines.index("  max_range: 4.25") - 1]
-
-
-def test_lines_fit_a_terminal() -> None:
-    assert max(map(len, format_config().splitlines())) <= 100
 
 
 def test_any_way_to_write_a_number_is_read(tmp_path: Path) -> None:

@@ -18,8 +18,7 @@ START = replace(POSE, y=2.05)
 
 @pytest.fixture(scope="module")
 def explained(portrait: Callable[..., Shot], t11: PalletModel) -> Explanation:
-    shot = portrait(t11, POSE)
-    return Localizer([t11]).explain_from(shot, [Start("t11", START)], (0.0,))
+    return Localizer([t11]).explain_from(portrait(t11, POSE), [Start("t11", START)], (0.0,))
 
 
 @pytest.fixture(scope="module")

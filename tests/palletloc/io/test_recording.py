@@ -240,16 +240,14 @@ def test_the_shelf_stays_where_it_is_in_odom(blank_recording: Path, time: float)
     assert shelf.levels == recording.shelf.levels
 
 
-def test_the_heading_may_drift_for_as_long_as_the_odometry_runs(blank_recording: Path) -> None:
+def test_the_heading_may_drift_as_long_as_the_odometry_runs_and_a_time_without_it_is_an_error(
+    blank_recording: Path,
+) -> None:
     recording = read_recording(blank_recording)
     drifts = [np.degrees(recording.shelf_at(time, PRIOR).drift) for time in (-1.0, 0.0, 1.0, 2.0)]
     np.testing.assert_allclose(drifts, [0.5, 0.0, 0.5, 0.8], atol=1e-12)
     later = replace(recording, odometry=replace(recording.odometry, times=np.array([5.0, 6.0, 7.0])))
     assert np.degrees(later.shelf_at(6.0, PRIOR).drift) == pytest.approx(0.5)
-
-
-def test_a_time_without_odometry_is_an_error_that_names_the_file(blank_recording: Path) -> None:
-    recording = read_recording(blank_recording)
     with pytest.raises(ShotError, match=r"odometry\.csv: no pose at 9 s: expected a time between 0 s and 2 s"):
         recording.shelf_at(9.0, PRIOR)
 

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 from palletloc import LevelPose, PalletModel, Shot
-from palletloc.measurement import HeightPrior, Reason
+from palletloc.measurement import Reason
 from palletloc.paper.joint_search import JointSearch, JointSearchConfig, search_jointly
 from palletloc.paper.position import PositionConfig, Sweep, sweep
-from tests.palletloc.poses import FLOOR, POSE, Portrait, blanked, moved, slid
+from tests.palletloc.poses import FLOOR, POSE, Height, Portrait, blanked, moved, slid
 
 CONFIG = PositionConfig()
 
 
 def swept(
-    shot: Shot, model: PalletModel, start: LevelPose = POSE, prior: HeightPrior | None = FLOOR, yaw_known: bool = True
+    shot: Shot, model: PalletModel, start: LevelPose = POSE, prior: Height = FLOOR, yaw_known: bool = True
 ) -> Sweep | Reason:
     return sweep(shot, start, model, prior, yaw_known, CONFIG)
 
@@ -28,7 +28,7 @@ def off(pose: LevelPose, truth: LevelPose = POSE) -> tuple[float, float]:
 @pytest.mark.parametrize("factor", [0.97, 1.0, 1.03])
 @pytest.mark.parametrize("prior", [FLOOR, None], ids=["level", "free"])
 def test_the_best_peak_is_the_pallet_from_all_along_its_ray(
-    model: PalletModel, factor: float, prior: HeightPrior | None, portrait: Portrait
+    model: PalletModel, factor: float, prior: Height, portrait: Portrait
 ) -> None:
     shot = portrait(model, POSE)
     found = swept(shot, model, slid(shot, POSE, factor), prior)
@@ -121,7 +121,7 @@ def test_yaw_and_distance_are_found_within_the_steps_of_the_search(
     assert abs(pose.yaw - POSE.yaw) < np.radians(3.0)  # yaw and distance trade off
 
 
-def test_the_best_score_is_that_of_the_pose(portrait: Portrait, t11: PalletModel) -> None:
+def test_the_best_score_is_that_of_the_pose_and_a_plain_image_has_none(portrait: Portrait, t11: PalletModel) -> None:
     start = replace(POSE, yaw=POSE.yaw + np.radians(4.0))
     found = searched(portrait(t11, POSE), t11, start)
     assert isinstance(found, JointSearch)
@@ -131,9 +131,6 @@ def test_the_best_score_is_that_of_the_pose(portrait: Portrait, t11: PalletModel
     assert turn < 0
     assert found.forklift_from_pallet.yaw == pytest.approx(start.yaw + turn)
     np.testing.assert_allclose(np.degrees(found.turns), np.linspace(-6.0, 6.0, 7))
-
-
-def test_nothing_is_found_jointly_in_a_plain_image(portrait: Portrait, t11: PalletModel) -> None:
     assert searched(blanked(portrait(t11, POSE)), t11) is Reason.NO_PEAK
 
 

@@ -7,15 +7,9 @@ from scipy.spatial.transform import RigidTransform
 from palletloc import LevelPose, PalletModel, Shot
 from palletloc.geometry import BoolArray, FloatArray
 from palletloc.measurement import Reason, YawSource
+from palletloc.paper import horizontal_view
 from palletloc.paper.boundary import BoundaryLine, boundary_lines
-from palletloc.paper.horizontal_view import (
-    BoundaryMethod,
-    HorizontalView,
-    YawConfig,
-    horizontal_source,
-    line_up,
-    view_horizontal,
-)
+from palletloc.paper.horizontal_view import BoundaryMethod, HorizontalView, YawConfig, view_horizontal
 from palletloc.paper.yaw import YawEstimate, find_lines, measure_line, measure_yaw
 from palletloc.plane import PlaneGrid, PlaneView
 from tests.palletloc.poses import POSE, Portrait, blanked, moved, slid
@@ -24,7 +18,9 @@ HIGH = replace(POSE, z=3.3)
 CONFIG = YawConfig()
 
 
-def viewed(shot: Shot, model: PalletModel, start: LevelPose, source: YawSource) -> HorizontalView:
+def viewed(
+    shot: Shot, model: PalletModel, start: LevelPose = POSE, source: YawSource = YawSource.BOTTOM
+) -> HorizontalView:
     return view_horizontal(shot, start, model, source, CONFIG)
 
 
@@ -54,11 +50,15 @@ def test_the_yaw_of_a_pallet_on_the_floor_is_within_three_sigma(
     assert found.source in (YawSource.BOTTOM, YawSource.OPENING_TOP, YawSource.OPENING_BOTTOM)
 
 
-def test_above_the_camera_the_upper_edges_give_the_yaw(portrait: Portrait, epal: PalletModel) -> None:
+def test_above_the_camera_upper_edges_give_the_yaw_and_equal_views_equal_results(
+    portrait: Portrait, epal: PalletModel
+) -> None:
     found = measured(portrait(epal, HIGH), epal, HIGH, YawSource.TOP)
     assert abs(found.yaw - HIGH.yaw) < 3 * found.sigma
     assert found.source is not YawSource.BOTTOM
     assert found.sigma < np.radians(1.0)
+    shot = portrait(epal, POSE)
+    assert measured(shot, epal) == measured(shot, epal)
 
 
 @pytest.mark.parametrize("factor", [0.95, 0.98, 1.03])
@@ -129,32 +129,27 @@ def test_a_line_is_measured_finer_than_it_was_found(turn_deg: float, portrait: P
     assert abs(np.arctan(fit.slope) + np.radians(turn_deg)) < np.radians(0.3)
 
 
-def test_the_same_view_gives_the_same_result(portrait: Portrait, epal: PalletModel) -> None:
-    shot = portrait(epal, POSE)
-    assert measured(shot, epal) == measured(shot, epal)
-
-
 # Views of level planes.
-
-
-def seen_from(
-    shot: Shot, model: PalletModel, pose: LevelPose = POSE, source: YawSource = YawSource.BOTTOM
-) -> HorizontalView:
-    return view_horizontal(shot, pose, model, source, CONFIG)
 
 
 @pytest.mark.parametrize("distance", [0.8, 2.0, 4.0])
 def test_the_plane_is_below_level_or_above_as_the_pallet_is(distance: float, epal: PalletModel) -> None:
     far = distance / CONFIG.max_lever + epal.height + 0.01
     middle = epal.height / 2
-    chosen = [horizontal_source(epal, np.array([0.4, height, distance]), CONFIG) for height in (far, middle, -far)]
+    chosen = [
+        horizontal_view.horizontal_source(epal, np.array([0.4, height, distance]), CONFIG)
+        for height in (far, middle, -far)
+    ]
     assert chosen == [YawSource.BOTTOM, YawSource.FACE, YawSource.TOP]
 
 
 def test_the_farther_the_face_the_wider_the_band_without_a_plane(epal: PalletModel) -> None:
     heights = np.linspace(-2.0, 2.0, 401)
     without = [
-        sum(horizontal_source(epal, np.array([0.4, z, distance]), CONFIG) is YawSource.FACE for z in heights)
+        sum(
+            horizontal_view.horizontal_source(epal, np.array([0.4, z, distance]), CONFIG) is YawSource.FACE
+            for z in heights
+        )
         for distance in (1.5, 2.5, 3.5)
     ]
     assert 0 < without[0] < without[1] < without[2]
@@ -163,7 +158,7 @@ def test_the_farther_the_face_the_wider_the_band_without_a_plane(epal: PalletMod
 @pytest.mark.parametrize("source", [YawSource.BOTTOM, YawSource.TOP])
 def test_the_plane_goes_level_through_the_edge(source: YawSource, portrait: Portrait, t11: PalletModel) -> None:
     shot = portrait(t11, POSE)
-    seen = seen_from(shot, t11, source=source)
+    seen = viewed(shot, t11, source=source)
     assert seen.source is source
     assert seen.height == (0.0 if source is YawSource.BOTTOM else t11.height)
     forklift_from_plane = shot.mounting.forklift_from_camera * seen.view.camera_from_plane
@@ -177,14 +172,14 @@ def test_the_plane_goes_level_through_the_edge(source: YawSource, portrait: Port
 
 @pytest.mark.parametrize("source", [YawSource.BOTTOM, YawSource.TOP])
 def test_every_level_edge_of_a_face_is_in_the_view(source: YawSource, portrait: Portrait, epal: PalletModel) -> None:
-    seen = seen_from(portrait(epal, POSE), epal, source=source)
+    seen = viewed(portrait(epal, POSE), epal, source=source)
     grid, camera = seen.view.grid, seen.plane_from_camera
     low, high = grid.top - (grid.rows - 1) * grid.resolution, grid.top
     for height in (0.0, 0.022, 0.122, epal.height):
         # the edge's point over the plane, seen from the camera
         point = np.array([0.0, 0.0, height - seen.height])
         reached = camera + (point - camera) * camera[2] / (camera[2] - point[2])
-        assert line_up(height - seen.height, camera) == pytest.approx(reached[1])
+        assert horizontal_view.line_up(height - seen.height, camera) == pytest.approx(reached[1])
         assert low < reached[1] - CONFIG.search + 1e-9
         assert reached[1] + CONFIG.search - 1e-9 < high
     assert grid.left < -epal.width / 2
@@ -192,9 +187,9 @@ def test_every_level_edge_of_a_face_is_in_the_view(source: YawSource, portrait: 
 
 def test_an_edge_on_the_plane_is_where_it_is_and_a_higher_one_farther() -> None:
     camera = np.array([0.2, -2.0, 1.8])
-    assert line_up(0.0, camera) == 0.0
-    assert line_up(0.1, camera) > 0.05
-    assert line_up(-0.1, camera) < -0.05
+    assert horizontal_view.line_up(0.0, camera) == 0.0
+    assert horizontal_view.line_up(0.1, camera) > 0.05
+    assert horizontal_view.line_up(-0.1, camera) < -0.05
 
 
 def test_a_place_farther_on_the_ray_gives_a_similar_picture(portrait: Portrait, t11: PalletModel) -> None:
@@ -202,7 +197,7 @@ def test_a_place_farther_on_the_ray_gives_a_similar_picture(portrait: Portrait, 
     places = ((1.0, POSE), (1.05, slid(shot, POSE, 1.05)))
     points = np.array([[0.3, 0.05, 0.0], [-0.4, -0.05, 0.0], [0.0, 0.1, 0.0]])
     near, far = (
-        shot.camera.project(seen_from(shot, t11, pose).view.camera_from_plane.apply(scale * points))
+        shot.camera.project(viewed(shot, t11, pose).view.camera_from_plane.apply(scale * points))
         for scale, pose in places
     )
     np.testing.assert_allclose(far.pixels, near.pixels, atol=1e-6)
@@ -281,7 +276,7 @@ def test_a_plain_view_or_what_is_not_seen_or_turned_too_far_gives_no_line(two_re
     assert lines_of(PlaneView(unseen.image, seen, GRID, unseen.camera_from_plane), two_region) == []
 
 
-def test_edges_find_several_lines_and_the_longest_comes_first() -> None:
+def test_edges_find_several_lines_the_longest_first_and_two_regions_the_nearest() -> None:
     long = 80.0 * shares(np.radians(-1.0), -0.05)
     short = 80.0 * shares(np.radians(3.0), 0.06)
     short[:, : GRID.columns // 2] = short[0, 0]
@@ -289,9 +284,6 @@ def test_edges_find_several_lines_and_the_longest_comes_first() -> None:
     assert [line.votes for line in lines] == sorted((line.votes for line in lines), reverse=True)
     assert lines[0].turn == pytest.approx(np.radians(-1.0), abs=2 * STEP)
     assert any(abs(line.turn - np.radians(3.0)) < 3 * STEP and abs(line.up - 0.06) < 0.008 for line in lines)
-
-
-def test_two_regions_give_the_boundary_nearest_to_the_aisle() -> None:
     levels = 170.0 - 100.0 * shares(np.radians(1.0), -0.04) + 100.0 * shares(np.radians(1.0), 0.08)
     best = lines_of(view_of(levels), two_region=True)[0]
     assert best.up == pytest.approx(-0.04, abs=2 * GRID.resolution)

@@ -14,16 +14,7 @@ from palletloc.face import edge_shift, face_lines
 from palletloc.geometry import FloatArray
 from palletloc.measurement import HeightPrior
 from palletloc.refinement import depth_edges
-from palletloc.refinement.depth_edges import (
-    CREASE_SEEN,
-    MOST_DOUBT,
-    DepthEdge,
-    DepthPeaks,
-    Vote,
-    add_depth_edges,
-    count_votes,
-    visible_depth_edges,
-)
+from palletloc.refinement.depth_edges import DepthEdge, DepthPeaks, add_depth_edges, count_votes, visible_depth_edges
 from palletloc.refinement.edges import MeasuredEdge, SeenFace
 from palletloc.refinement.face_fit import FaceEstimate, FaceFitConfig, FacePrior, fit_face
 from palletloc.refinement.normal_equations import FaceEquations
@@ -125,7 +116,7 @@ def noted(monkeypatch: pytest.MonkeyPatch) -> list[DepthPeaks]:
     """Return a list that gets the peaks whenever they vote."""
     found: list[DepthPeaks] = []
 
-    def note(peaks: DepthPeaks, *rest: Any) -> Vote:
+    def note(peaks: DepthPeaks, *rest: Any) -> depth_edges.Vote:
         found.append(peaks)
         return count_votes(peaks, *rest)
 
@@ -185,7 +176,7 @@ def test_nothing_is_added_where_the_camera_does_not_see_the_face_or_its_pose_is_
     behind = seen.camera_from_face.copy()
     behind[:3, 3] = [-1.6, 0.0, 0.0]
     assert added(shot, model, replace(seen, camera_from_face=behind)) == 0.0
-    assert added(shot, model, seen, MOST_DOUBT + 0.1) == 0.0
+    assert added(shot, model, seen, depth_edges.MOST_DOUBT + 0.1) == 0.0
     assert added(shot, LIBRARY["t11"], seen_face(shot, LIBRARY["t11"])) == 0.0
     assert noted == []
 
@@ -252,7 +243,7 @@ def test_a_wide_ridge_is_searched_farther_and_a_crease_counts_less_than_a_contou
     contours = peaks_at(START + RIDGE)
     creases = replace(contours, edges=tuple(replace(edge, contour=False) for edge in contours.edges))
     strong, weak = (count_votes(peaks, START, RIDGE, SIGMA, 1.0) for peaks in (contours, creases))
-    assert 0 < CREASE_SEEN < 1
+    assert 0 < depth_edges.CREASE_SEEN < 1
     assert strong.evidence > weak.evidence > 0
 
 
@@ -289,15 +280,12 @@ def test_edges_behind_the_face_make_the_yaw_more_certain(name: str, portrait: Po
     assert np.mean(gains) < 0.8
 
 
-def test_blocks_that_are_not_where_the_model_has_them_do_no_harm(portrait: Portrait) -> None:
+def test_wrong_blocks_do_no_harm_and_far_above_blocks_change_nothing(portrait: Portrait) -> None:
     shot = portrait(EPAL, LEVEL)
     wrong = replace(EPAL, block_rows=((0.0, 0.06), (0.19, 0.27), (0.55, 0.61)))
     alone, misled = (fitted(shot, model) for model in (replace(EPAL, block_rows=()), wrong))
     assert misled.doubt <= alone.doubt + 0.3
     assert abs(yaw_error(misled)) < 3.5 * yaw_sigma(misled)
-
-
-def test_far_above_a_pallet_nothing_changes(portrait: Portrait) -> None:
     pose = replace(LEVEL, z=0.0)
     shot = portrait(EPAL, pose)
     first, second = (

@@ -63,15 +63,12 @@ def test_edges_move_against_the_pose(right: float, up: float, portrait: Portrait
     assert np.mean(np.abs(found - expected) < 0.0015) > 0.7
 
 
-def test_a_pixel_is_larger_where_the_face_is_seen_aslant(portrait: Portrait, t11: PalletModel) -> None:
+def test_pixels_are_larger_aslant_and_faces_as_wide_as_their_ends(portrait: Portrait, t11: PalletModel) -> None:
     edges = edges_at(portrait(t11, POSE), POSE, t11)
     across = {measured.edge.horizontal: measured.pixel for measured in edges}
     straight = np.hypot(float(np.hypot(POSE.x - 0.3, POSE.y + 0.08)), 1.85) / 560.0
     assert across[False] > straight
     assert across[True] > straight  # seen from 40 degrees above
-
-
-def test_a_face_is_as_wide_as_its_ends_are_apart_in_the_image(portrait: Portrait, t11: PalletModel) -> None:
     shot = portrait(t11, POSE)
     seen = seen_at(shot, POSE, t11)
     ends = POSE.transform().apply([[0.0, side * t11.width / 2, t11.height / 2] for side in (-1, 1)])
@@ -80,7 +77,7 @@ def test_a_face_is_as_wide_as_its_ends_are_apart_in_the_image(portrait: Portrait
     assert replace(seen, edges=()).width_px(t11.width) == 0.0
 
 
-def test_the_upper_edge_may_be_loaded_from_above_and_not_from_below(t11: PalletModel, portrait: Portrait) -> None:
+def test_lines_are_expected_unless_loaded_above_or_hidden_below(t11: PalletModel, portrait: Portrait) -> None:
     above, high = portrait(t11, POSE), replace(POSE, z=2.6)
     below = portrait(t11, high)
     for shot, pose, loaded in ((above, POSE, True), (below, high, False)):
@@ -88,9 +85,6 @@ def test_the_upper_edge_may_be_loaded_from_above_and_not_from_below(t11: PalletM
         kinds = {line.kind: seen.loaded(line.whole) for line in face_lines(t11)}
         assert kinds.pop(EdgeKind.TOP) is loaded
         assert not any(kinds.values())
-
-
-def test_a_line_is_expected_unless_loaded_or_hidden_by_a_beam(portrait: Portrait, t11: PalletModel) -> None:
     high = replace(POSE, z=2.6)
     seen = seen_at(portrait(t11, high), high, t11)
     assert EdgeKind.BOTTOM not in {measured.edge.kind for measured in seen.edges}
@@ -140,9 +134,7 @@ def test_drawn_edges_are_measured_to_a_tenth_of_a_pixel(model: PalletModel, grow
 
 
 @pytest.mark.parametrize("columns", [0, 1, 480, 951])
-def test_a_face_across_the_seam_of_a_closed_image_is_measured_like_any_other(
-    columns: int, shoot_face: Shoots, t11: PalletModel
-) -> None:
+def test_faces_across_the_seam_are_measured_like_others(columns: int, shoot_face: Shoots, t11: PalletModel) -> None:
     camera, sharp = Equirectangular(1600, 800), replace(t11, edge_radius=0.0)
     tilted = Rotation.from_euler("ZYX", [0.0, 0.02, 0.01])
     mounting = Mounting(RigidTransform.from_components([0.0, 0.0, 0.9], tilted))
@@ -164,9 +156,7 @@ def test_a_face_across_the_seam_of_a_closed_image_is_measured_like_any_other(
     np.testing.assert_allclose(across.plane_from_camera, shot.camera_in(pose), atol=1e-9)
 
 
-def test_every_edge_carries_what_the_face_says_of_it_and_colour_and_gray_agree(
-    portrait: Portrait, epal: PalletModel
-) -> None:
+def test_edges_carry_what_their_face_says_and_colour_matters_little(portrait: Portrait, epal: PalletModel) -> None:
     shot = portrait(epal, POSE)
     gray = replace(shot, image=np.asarray(shot.image.mean(axis=2), dtype=np.uint8))
     same = replace(shot, image=np.repeat(gray.image[..., None], 3, axis=2))

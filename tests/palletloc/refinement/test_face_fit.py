@@ -17,21 +17,18 @@ from palletloc.refinement.face_fit import SAME, SAME_DEG, FaceEstimate, FaceFitC
 from palletloc.refinement.level_lines import LevelYaw, yaw_from_level_lines
 from tests.palletloc.poses import CONFIG, FLOOR, POSE, Portrait, blanked, moved
 
+Yaw = YawPrior | None
 TRUE_YAW = YawPrior(np.radians(0.1), 0.0)
 
 
 def fitted(
-    shot: Shot, model: PalletModel, start: LevelPose, height: HeightPrior = FLOOR, yaw: YawPrior | None = TRUE_YAW
+    shot: Shot, model: PalletModel, start: LevelPose, height: HeightPrior = FLOOR, yaw: Yaw = TRUE_YAW
 ) -> FaceEstimate | Reason:
     return fit_face(shot, start, model, FacePrior(height, yaw, float(np.radians(5.0))), FaceFitConfig())
 
 
 def estimate(
-    shot: Shot,
-    model: PalletModel,
-    start: LevelPose = POSE,
-    height: HeightPrior = FLOOR,
-    yaw: YawPrior | None = TRUE_YAW,
+    shot: Shot, model: PalletModel, start: LevelPose = POSE, height: HeightPrior = FLOOR, yaw: Yaw = TRUE_YAW
 ) -> FaceEstimate:
     found = fitted(shot, model, start, height, yaw)
     assert isinstance(found, FaceEstimate)
@@ -43,9 +40,7 @@ def error(found: FaceEstimate, truth: LevelPose = POSE) -> np.ndarray:
 
 
 @pytest.mark.parametrize("yaw", [TRUE_YAW, None], ids=["yaw_known", "yaw_from_face"])
-def test_the_pose_is_found_as_well_as_its_covariance_says(
-    model: PalletModel, yaw: YawPrior | None, portrait: Portrait
-) -> None:
+def test_the_pose_is_found_as_well_as_its_covariance_says(model: PalletModel, yaw: Yaw, portrait: Portrait) -> None:
     found = estimate(portrait(model, POSE), model, yaw=yaw)
     wrong = np.abs(error(found))
     assert (wrong < 3.5 * np.sqrt(np.diag(found.covariance))).all()
@@ -125,9 +120,7 @@ def test_near_starts_lead_to_one_pose(right: float, depth: float, portrait: Port
 
 
 @pytest.mark.parametrize("yaw", [TRUE_YAW, None], ids=["yaw_known", "yaw_from_face"])
-def test_a_covariance_is_symmetric_and_positive_definite(
-    yaw: YawPrior | None, portrait: Portrait, epal: PalletModel
-) -> None:
+def test_a_covariance_is_symmetric_and_positive_definite(yaw: Yaw, portrait: Portrait, epal: PalletModel) -> None:
     covariance = estimate(portrait(epal, POSE), epal, yaw=yaw).covariance
     np.testing.assert_allclose(covariance, covariance.T, rtol=1e-9, atol=1e-15)
     assert np.linalg.eigvalsh(covariance).min() > 0

@@ -12,13 +12,8 @@ from palletloc.cameras import CameraModel, Equirectangular, Pinhole
 from palletloc.geometry import FloatArray, Image, wrap_angle
 from palletloc.measurement import Reason
 from palletloc.plane import PALLET_FROM_VERTICAL
-from palletloc.refinement.hypotheses import (
-    HypothesisGrid,
-    HypothesisScores,
-    SearchConfig,
-    score_hypotheses,
-    score_pose,
-)
+from palletloc.refinement import hypotheses
+from palletloc.refinement.hypotheses import HypothesisGrid, SearchConfig, score_hypotheses, score_pose
 from palletloc.refinement.patch import FacePatch, view_patch
 from palletloc.refinement.samples import face_samples
 from palletloc.shot import MIN_DISTANCE
@@ -47,7 +42,7 @@ SINGLE = grid_of(np.zeros(1), np.ones(1), np.zeros(1))
 WIDE = grid_of(np.linspace(-20, 20, 21), np.linspace(0.85, 1.15, 31), np.linspace(-0.06, 0.06, 13))
 
 
-def nearest(found: HypothesisScores, truth: LevelPose) -> tuple[float, float]:
+def nearest(found: hypotheses.HypothesisScores, truth: LevelPose) -> tuple[float, float]:
     """How far the nearest peak is from the truth, in metres and degrees."""
     away = []
     for peak in found.peaks:
@@ -103,9 +98,7 @@ def test_a_single_hypothesis_is_scored_as_its_pose_is(right: float, portrait: Po
 
 
 @pytest.mark.parametrize(("depth", "turn_deg"), [(0.0, 0.0), (0.2, 10.0), (-0.2, -10.0), (0.2, -10.0)])
-def test_a_wide_grid_peaks_at_the_truth(
-    model: PalletModel, depth: float, turn_deg: float, portrait: Portrait
-) -> None:
+def test_wide_grids_peak_at_the_truth(model: PalletModel, depth: float, turn_deg: float, portrait: Portrait) -> None:
     shot = portrait(model, POSE)
     base = replace(moved(slid(shot, POSE, 1 + depth / 2.2), turn_deg=turn_deg), z=POSE.z)
     metres, degrees = nearest(score_hypotheses(patch_at(shot, base), model, WIDE, CONFIG), POSE)
@@ -299,7 +292,7 @@ def test_upright_lines_have_upright_energy_and_level_ones_have_none(paint_plane:
     assert min(upright_any, level_any) > 0.2
 
 
-def test_energy_lies_between_0_and_1_and_in_a_plain_image_there_is_none() -> None:
+def test_energy_lies_between_0_and_1_and_neither_light_nor_colour_matters_to_it(paint_plane: Paints) -> None:
     noise = np.random.default_rng(0).integers(0, 256, (CAMERA.height, CAMERA.width, 3), dtype=np.uint8)
     for image, most in ((noise, 1.0), (np.full_like(noise, 90), 1e-6)):
         patch = patch_of(image)
@@ -307,9 +300,6 @@ def test_energy_lies_between_0_and_1_and_in_a_plain_image_there_is_none() -> Non
             assert field.shape == patch.view.image.shape[:2]
             assert field.min() >= -1e-6
             assert field.max() <= most + 1e-6
-
-
-def test_neither_light_nor_colour_matters_to_the_energy(paint_plane: Paints) -> None:
     image = paint_plane(CAMERA, camera_from_plane(), SHOWN, waves(0.1))
     bright, dark = (patch_of(picture).along_level(0.1) for picture in (image, image // 3))
     assert np.corrcoef(bright.ravel(), dark.ravel())[0, 1] > 0.95

@@ -139,14 +139,10 @@ def test_points_seem_to_move_as_they_do_with_a_wrong_mounting(mounting: Mounting
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2, 5], ids=["x", "y", "z", "yaw"])
-def test_a_wrong_mounting_moves_the_pallet_as_geometry_says(axis: int, t11: PalletModel, mounting: Mounting) -> None:
+def test_wrong_mountings_move_it_as_covariances_say(axis: int, t11: PalletModel, mounting: Mounting) -> None:
     errors = STEP * np.eye(6)[axis]
     solution = FaceEquations(seen_face(t11, mounting, errors=errors), POSE, exact(mounting), t11).solve()
     np.testing.assert_allclose(solution.motion, induced(mounting, errors), atol=0.05 * STEP)
-
-
-@pytest.mark.parametrize("axis", [0, 1, 2, 5], ids=["x", "y", "z", "yaw"])
-def test_the_covariance_holds_the_motion_of_a_mounting_error(axis: int, t11: PalletModel, mounting: Mounting) -> None:
     sigma = 0.002 * np.eye(6)[axis]
     uncertain = Mounting(mounting.forklift_from_camera, tuple(sigma[:3]), tuple(sigma[3:]))
     solution = FaceEquations(seen_face(t11, mounting, sigma=1e-7), POSE, uncertain, t11).solve()
@@ -204,7 +200,7 @@ def test_a_lines_yaw_shares_a_mountings_error_and_a_known_turn_does_not(t11: Pal
     assert sigmas[1] < 1e-4
 
 
-def test_one_edge_that_contradicts_the_others_loses_its_weight(t11: PalletModel, mounting: Mounting) -> None:
+def test_an_odd_edge_loses_weight_and_scatter_widens_the_covariance(t11: PalletModel, mounting: Mounting) -> None:
     count = len(face_lines(t11))
     for wrong in range(count):
         noise = 0.030 * np.eye(count)[wrong]
@@ -215,9 +211,6 @@ def test_one_edge_that_contradicts_the_others_loses_its_weight(t11: PalletModel,
         assert solution.weights[wrong] < 0.1
         assert np.delete(solution.weights, wrong).min() > 0.5
         assert np.abs(solution.motion).max() < 0.002
-
-
-def test_edges_that_scatter_more_than_they_should_widen_the_covariance(t11: PalletModel, mounting: Mounting) -> None:
     noise = np.random.default_rng(0).normal(0.0, 0.004, len(face_lines(t11)))
     calm, torn = (FaceEquations(seen_face(t11, mounting, noise=n), POSE, exact(mounting), t11) for n in ((), noise))
     quiet, loud = calm.solve(), torn.solve()
@@ -290,7 +283,7 @@ def test_edges_of_one_depth_share_its_error(mounting: Mounting) -> None:
             assert offset == pytest.approx(expected, abs=1e-10)
 
 
-def test_what_is_measured_behind_the_face_turns_it(mounting: Mounting) -> None:
+def test_what_is_measured_behind_the_face_turns_it_as_far_as_its_depth_is_known(mounting: Mounting) -> None:
     system, solution, behind = level_system(exact(mounting), sigma=0.01)
     motion = motion_of(system, behind)
     offsets = 0.01 * motion[:, 3]
@@ -298,9 +291,6 @@ def test_what_is_measured_behind_the_face_turns_it(mounting: Mounting) -> None:
     better = system.solve()
     assert better.motion[3] == pytest.approx(0.01, rel=0.2)
     assert better.covariance[3, 3] < 0.1 * solution.covariance[3, 3]
-
-
-def test_the_depth_of_a_row_limits_what_its_edges_tell(mounting: Mounting) -> None:
     system, solution, behind = level_system(exact(mounting), sigma=0.01)
     rear = [edge for edge in behind if edge.level == 4]
     mean = motion_of(system, rear).mean(axis=0)

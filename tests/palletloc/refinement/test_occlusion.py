@@ -14,10 +14,8 @@ from palletloc.edge_fit import EdgeFit, EdgePeaks
 from palletloc.face import EdgeKind, FaceEdge, face_lines
 from palletloc.geometry import FloatArray
 from palletloc.plane import PALLET_FROM_VERTICAL
+from palletloc.refinement import occlusion
 from palletloc.refinement.occlusion import (
-    BINS,
-    LEAST_WIDTH,
-    MOSTLY,
     explained_part,
     hidden_part,
     hidden_spans,
@@ -32,7 +30,7 @@ from tests.palletloc.poses import Paints
 OPENINGS = tuple(Opening(center, 0.022, 0.3825, 0.1) for center in (-0.26375, 0.26375))
 MODEL = PalletModel("two_openings", 1.2, 0.144, 0.8, OPENINGS)
 HALF = MODEL.width / 2
-BIN = MODEL.width / BINS
+BIN = MODEL.width / occlusion.BINS
 LINE = EdgeFit(0.0, 0.0, 1e-4, 1e-4, 1.0, 10.0)
 TOLERANCE = 0.003
 KINDS = (EdgeKind.TOP, EdgeKind.BOTTOM, EdgeKind.OPENING_TOP, EdgeKind.OPENING_BOTTOM)
@@ -88,6 +86,7 @@ def test_seen_lines_lost_uprights_and_a_dent_hide_nothing() -> None:
     face = Face.drawn()
     face.lose(-HALF, HALF, [EdgeKind.SIDE, EdgeKind.OPENING_SIDE])
     assert face.hidden() == ()
+    face = Face.drawn()
     face.lose(-0.4 * BIN, 0.4 * BIN)
     assert face.hidden() == ()
 
@@ -132,7 +131,7 @@ def test_stretches_ascend_and_lie_inside_the_face(lost: Spans) -> None:
         face.lose(left, right)
     ends = np.array([-HALF, *(end for span in face.hidden() for end in span), HALF])
     assert (np.diff(ends) >= -1e-9).all()
-    assert (np.diff(ends)[1::2] > (LEAST_WIDTH - 0.01) * BIN).all()
+    assert (np.diff(ends)[1::2] > (occlusion.LEAST_WIDTH - 0.01) * BIN).all()
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -219,7 +218,7 @@ def test_an_edge_is_hidden_where_most_of_it_is(spans: Spans) -> None:
     for line in face_lines(MODEL):
         edge: FaceEdge = line.whole
         part = hidden_part(edge.start[0], edge.end[0], spans)
-        assert is_hidden(edge, spans) is (part > MOSTLY)
+        assert is_hidden(edge, spans) is (part > occlusion.MOSTLY)
         if not edge.horizontal:
             assert is_hidden(edge, spans) is any(low <= edge.start[0] <= high for low, high in spans)
 
@@ -278,9 +277,7 @@ def test_a_post_that_reaches_below_the_face_is_seen(
     assert explained_part(patch, epal, POSE, [(left, right)]) == pytest.approx((right - left) / epal.width)
 
 
-def test_what_is_only_on_the_face_or_only_below_it_or_floor_is_no_post(
-    paint_plane: Paints, epal: PalletModel
-) -> None:
+def test_what_is_only_on_the_face_or_only_below_or_floor_is_no_post(paint_plane: Paints, epal: PalletModel) -> None:
     beside = seen(paint_plane, {}, aside=0.5)  # the real face stands half a metre aside: floor is where it should be
     assert explained_part(beside, epal, POSE, [(-0.6, -0.1)]) == 0.0
     above = seen(paint_plane, {(0.1, 0.4, 0.02): 20.0})
@@ -292,7 +289,7 @@ def test_what_is_only_on_the_face_or_only_below_it_or_floor_is_no_post(
     assert visible_occluders(label, epal, LevelPose(POSE.x, POSE.y, POSE.z - 0.3, POSE.yaw)) == ()
 
 
-def test_each_hidden_stretch_is_judged_by_itself_and_without_any_or_all_nothing_is_explained(
+def test_each_hidden_stretch_is_judged_by_itself_and_none_or_all_explain_nothing(
     paint_plane: Paints, epal: PalletModel
 ) -> None:
     patch = seen(paint_plane, {(-0.4, -0.2, -1.0): 230.0})

@@ -125,6 +125,8 @@ def test_colour_gray_and_the_negative_have_the_same_profiles(shoot_face: Shoots)
         only[..., channel] = image
         np.testing.assert_allclose(read(camera, only, plane).profiles.gradient(1.0), gray, rtol=1e-3, atol=1e-3)
     camera, direction = VIEWS["fisheye"]
+    plane = facing(direction)
+    image = shoot_face(camera, plane, BOX)
     here, other = (read(camera, picture, plane).profiles.gradient(1.0) for picture in (image, 255 - image))
     np.testing.assert_allclose(here, other, atol=1e-3)
 
@@ -142,15 +144,12 @@ def test_a_shift_moves_the_cuts_with_it(shoot_face: Shoots) -> None:
     assert np.median(np.abs(wrong[inside]) / done.pixel[done.cuts.line[inside], 0]) < 0.05
 
 
-def test_a_plain_image_has_no_gradient() -> None:
+def test_profiles_reach_beyond_both_sides_and_are_flat_in_a_plain_image(shoot_face: Shoots) -> None:
     camera, direction = VIEWS["distorted"]
     plain = np.full((camera.height, camera.width, 3), 77, np.uint8)
     profiles = read(camera, plain, facing(direction)).profiles
     assert profiles.valid.all()
     assert np.abs(profiles.gradient(1.0)).max() < 1e-3
-
-
-def test_profiles_reach_as_far_to_both_sides_and_beyond_for_a_peaks_neighbours(shoot_face: Shoots) -> None:
     camera, direction = VIEWS["pinhole"]
     done = read(camera, shoot_face(camera, facing(direction), BOX), facing(direction))
     offsets = done.profiles.offsets
@@ -275,15 +274,12 @@ def test_each_row_of_a_table_is_a_line_in_order_and_filled_up_at_its_end(model: 
     assert np.isfinite(along).all(axis=1).any()
 
 
-def test_the_spacing_of_a_kind_is_the_mean_of_length_over_cuts_of_its_lines(model: PalletModel) -> None:
+def test_the_spacing_is_length_over_cuts_and_without_the_lower_edge_all_else_stays(model: PalletModel) -> None:
     cuts = cuts_of(model)
     counts = np.bincount(cuts.line[cuts.inner])
     spacing = np.array([sum(edge.length for edge in line.edges) for line in cuts.lines]) / counts
     for kind in cuts.kinds:
         assert kind.spacing == pytest.approx(spacing[kind.lines].mean())
-
-
-def test_without_the_lower_edge_all_else_stays(model: PalletModel) -> None:
     whole, above = cuts_of(model), cuts_of(model, without_bottom=True)
     assert above.lines == tuple(line for line in whole.lines if line.kind != "bottom")
     kept = np.array([line.kind != "bottom" for line in whole.lines])[whole.line]
@@ -297,8 +293,7 @@ def test_without_the_lower_edge_all_else_stays(model: PalletModel) -> None:
         test_positions_count_from_the_middle_of_the_whole_line,
         test_pads_never_count,
         test_each_row_of_a_table_is_a_line_in_order_and_filled_up_at_its_end,
-        test_the_spacing_of_a_kind_is_the_mean_of_length_over_cuts_of_its_lines,
-        test_without_the_lower_edge_all_else_stays,
+        test_the_spacing_is_length_over_cuts_and_without_the_lower_edge_all_else_stays,
     ],
 )
 def test_it_holds_for_every_pallet_of_the_library(law: Callable[[PalletModel], None]) -> None:
@@ -306,9 +301,7 @@ def test_it_holds_for_every_pallet_of_the_library(law: Callable[[PalletModel], N
         law(each)
 
 
-def test_what_is_shared_cannot_be_written_and_another_model_has_other_cuts(
-    t11: PalletModel, epal: PalletModel
-) -> None:
+def test_what_is_shared_cannot_be_written_and_each_model_has_its_cuts(t11: PalletModel, epal: PalletModel) -> None:
     cuts = cuts_of(t11)
     assert cuts_of(t11) is cuts
     arrays = [

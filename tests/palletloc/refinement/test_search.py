@@ -8,13 +8,13 @@ from palletloc import LevelPose, PalletModel, Shot
 from palletloc.cameras import CameraModel, Equirectangular, KannalaBrandt, Pinhole
 from palletloc.face import face_edges
 from palletloc.geometry import FloatArray, wrap_angle
-from palletloc.measurement import HeightPrior, Reason
+from palletloc.measurement import Reason
 from palletloc.pallet_library import load_library
 from palletloc.refinement.hypotheses import SearchConfig
 from palletloc.refinement.patch import FacePatch
 from palletloc.refinement.samples import LEVEL_SPACING, face_samples
 from palletloc.refinement.search import Search, search
-from tests.palletloc.poses import FLOOR, POSE, Photograph, Portrait, blanked
+from tests.palletloc.poses import FLOOR, POSE, Height, Photograph, Portrait, blanked
 
 FAR = SearchConfig(turn_deg=24.0, nearer=0.9, farther=0.9)
 NEAR = SearchConfig()
@@ -62,7 +62,7 @@ def off(shot: Shot, pose: LevelPose, turn_deg: float, along: float) -> LevelPose
 
 
 def looked(
-    shot: Shot, start: LevelPose, model: PalletModel, height: HeightPrior | None = FLOOR, config: SearchConfig = FAR
+    shot: Shot, start: LevelPose, model: PalletModel, height: Height = FLOOR, config: SearchConfig = FAR
 ) -> Search | Reason:
     return search(shot, start, model, height, config)
 
@@ -135,9 +135,7 @@ def test_without_a_level_the_viewing_ray_is_found(rise: float, portrait: Portrai
     assert min(across[:2]) < 0.03
 
 
-def test_places_come_the_best_first_each_with_a_view_in_which_the_face_lies(
-    portrait: Portrait, t11: PalletModel
-) -> None:
+def test_places_come_the_best_first_each_with_a_view_of_all_the_face(portrait: Portrait, t11: PalletModel) -> None:
     shot = portrait(t11, POSE)
     half, high = t11.width / 2, t11.height
     corners = np.array([[-half, 0.0], [half, 0.0], [-half, high], [half, high]])
@@ -158,7 +156,7 @@ def test_places_come_the_best_first_each_with_a_view_in_which_the_face_lies(
 
 
 @pytest.mark.parametrize("height", [FLOOR, None], ids=["level", "free"])
-def test_it_looks_as_far_as_it_is_told(height: HeightPrior | None, floor_shot: Shot, t11: PalletModel) -> None:
+def test_it_looks_as_far_as_it_is_told(height: Height, floor_shot: Shot, t11: PalletModel) -> None:
     config = SearchConfig(turn_deg=11.0, nearer=0.2, farther=0.5, sideways=0.03, upward=0.05)
     found = looked(floor_shot, POSE, t11, height, config)
     assert isinstance(found, Search)
@@ -232,7 +230,7 @@ def distances(points: FloatArray, model: PalletModel, horizontal: bool) -> Float
     return np.asarray(np.linalg.norm(points[:, None] - nearest, axis=-1))
 
 
-def test_the_weights_of_all_edges_add_up_to_one(model: PalletModel) -> None:
+def test_the_weights_of_all_edges_add_up_and_each_edge_has_points_on_it_alone(model: PalletModel) -> None:
     samples = face_samples(model)
     assert samples.level_weight.sum() + samples.upright_weight.sum() == pytest.approx(1.0)
     assert samples.level_weight.min() > 0
@@ -243,17 +241,13 @@ def test_the_weights_of_all_edges_add_up_to_one(model: PalletModel) -> None:
         (samples.block, samples.block_weight),
     ):
         assert points.shape == (len(weight), 2)
-
-
-def test_every_point_lies_on_an_edge_and_every_edge_has_points(model: PalletModel) -> None:
-    samples = face_samples(model)
     for horizontal, points in ((True, samples.level), (False, samples.upright)):
         away = distances(points, model, horizontal)
         assert away.min(axis=1).max() < 1e-12
         assert away.min(axis=0).max() < 1e-12
 
 
-def test_points_are_dense_enough_for_no_stretch_to_be_missed(model: PalletModel) -> None:
+def test_points_are_dense_and_their_weight_is_spread_by_length(model: PalletModel) -> None:
     level = face_samples(model).level
     for edge in face_edges(model):
         if edge.horizontal:
@@ -261,9 +255,6 @@ def test_points_are_dense_enough_for_no_stretch_to_be_missed(model: PalletModel)
             mine = mine[(mine[:, 0] > edge.start[0]) & (mine[:, 0] < edge.end[0])]
             gaps = np.diff([edge.start[0], *np.sort(mine[:, 0]), edge.end[0]])
             assert gaps.max() < 1.6 * LEVEL_SPACING
-
-
-def test_on_each_kind_of_edge_weight_is_spread_by_length(model: PalletModel) -> None:
     samples = face_samples(model)
     for horizontal, points, weight in (
         (True, samples.level, samples.level_weight),
@@ -295,10 +286,8 @@ def test_points_in_every_block_lie_in_the_solid_off_its_edges_and_count_against_
 @pytest.mark.parametrize(
     "law",
     [
-        test_the_weights_of_all_edges_add_up_to_one,
-        test_every_point_lies_on_an_edge_and_every_edge_has_points,
-        test_points_are_dense_enough_for_no_stretch_to_be_missed,
-        test_on_each_kind_of_edge_weight_is_spread_by_length,
+        test_the_weights_of_all_edges_add_up_and_each_edge_has_points_on_it_alone,
+        test_points_are_dense_and_their_weight_is_spread_by_length,
         test_points_in_every_block_lie_in_the_solid_off_its_edges_and_count_against_a_pose,
     ],
 )

@@ -18,8 +18,7 @@ def test_texts_are_never_taken_for_html() -> None:
         assert "<b>&quot" not in part
         assert '<b>"quoted' not in part
         assert SAFE in part
-    whole = page(NASTY, parts)
-    assert f"<title>{SAFE}</title>" in whole
+    assert f"<title>{SAFE}</title>" in page(NASTY, parts)
 
 
 def test_a_page_holds_its_parts_in_order() -> None:

@@ -163,12 +163,9 @@ def test_the_unit_digit_alone_scales_a_length(text: str, metres: float) -> None:
 
 
 # One direction in the four units that instruments offer, taken from a file in which all stand side by side.
-@pytest.mark.parametrize(
-    "text",
-    ["21.322+0000000027746405", "21.323+0000000024971765", "21.324+0000000024943035", "21.325+0000000044394248"],
-)
-def test_angles_of_all_units_are_one_direction(text: str) -> None:
-    assert word(text).measure() == pytest.approx(math.radians(249 + 43 / 60 + 3.5 / 3600), abs=1e-6)
+def test_angles_of_all_units_are_one_direction() -> None:
+    for data in ("2+0000000027746405", "3+0000000024971765", "4+0000000024943035", "5+0000000044394248"):
+        assert word(f"21.32{data}").measure() == pytest.approx(math.radians(249 + 43 / 60 + 3.5 / 3600), abs=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -105,18 +105,15 @@ def test_any_version_and_prefix_of_landxml_is_read(tmp_path: Path, prefix: str, 
     assert len(read_survey(written(tmp_path, "a.xml", text)).points) == 2
 
 
-@pytest.mark.parametrize(
-    ("unit", "metres"),
-    [
+def test_the_linear_unit_of_landxml_is_obeyed(tmp_path: Path) -> None:
+    start, end = LANDXML.index("<Metric"), LANDXML.index("</Units>")
+    for unit, metres in (
         ('<Imperial linearUnit="foot"/>', 0.3048),
         ('<Imperial linearUnit="USSurveyFoot"/>', 0.3048006096),
         ('<Metric linearUnit="millimeter"/>', 0.001),
-    ],
-)
-def test_the_linear_unit_of_landxml_is_obeyed(tmp_path: Path, unit: str, metres: float) -> None:
-    start, end = LANDXML.index("<Metric"), LANDXML.index("</Units>")
-    survey = read_survey(written(tmp_path, "a.xml", LANDXML[:start] + unit + LANDXML[end:]))
-    assert_allclose(survey.require("A-LL").position, np.multiply(PLACES["A-LL"], metres), rtol=1e-10)
+    ):
+        survey = read_survey(written(tmp_path, "a.xml", LANDXML[:start] + unit + LANDXML[end:]))
+        assert_allclose(survey.require("A-LL").position, np.multiply(PLACES["A-LL"], metres), rtol=1e-10)
 
 
 def test_points_of_landxml_without_three_numbers_are_listed(tmp_path: Path) -> None:

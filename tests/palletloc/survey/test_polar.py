@@ -78,15 +78,12 @@ def test_the_mean_of_two_faces_is_free_of_errors_and_these_are_told(
     assert errors.lines == (1, 2)
 
 
-def test_faces_weigh_the_same_however_often_each_was_read() -> None:
+def test_faces_weigh_the_same_however_often_read_and_directions_on_both_sides_of_zero_are_averaged() -> None:
     true = PolarObservation("P", 6.28, 1.2, 5.0)
     first, second = turned_over(true, index=1e-4)
     mean, errors = average_faces([first, second, first, first])
     assert mean.zenith == pytest.approx(true.zenith, abs=1e-12)
     assert len(errors) == 1
-
-
-def test_directions_on_both_sides_of_zero_are_averaged() -> None:
     around = [PolarObservation("P", angle, 1.5, 5.0) for angle in (0.001, 2 * math.pi - 0.001)]
     mean, errors = average_faces(around)
     assert math.cos(mean.horizontal) == pytest.approx(1.0, abs=1e-12)
@@ -101,14 +98,11 @@ def test_a_pair_of_faces_unlike_the_others_is_misread() -> None:
     assert misread_faces([usual[0], odd[0]]) == []
 
 
-def test_sights_of_different_targets_or_heights_are_not_averaged() -> None:
+def test_sights_of_different_targets_or_heights_are_not_averaged_and_one_without_distance_not_reduced() -> None:
     first = PolarObservation("P", 0.0, 1.5, 5.0)
     for other in (replace(first, name="Q"), replace(first, reflector_height=1.0)):
         with pytest.raises(ValueError, match="one target with equal heights"):
             average_faces([first, other])
-
-
-def test_a_sight_without_distance_is_not_reduced() -> None:
     with pytest.raises(ValueError, match="expected a distance to 'P'"):
         reduce_sight(PolarObservation("P", 0.0, 1.5, None), Station())
 

@@ -122,12 +122,15 @@ def test_an_uncertain_heading_of_the_vehicle_moves_what_is_far_ahead() -> None:
     assert far.level_covariance[1, 1] == pytest.approx(near.level_covariance[1, 1] + (4 * a.yaw_sigma) ** 2)
 
 
-def test_leave_one_out_names_the_bad_point() -> None:
+def test_leave_one_out_names_the_bad_point_and_the_free_scale_is_no_part_of_the_pose() -> None:
     world = POSE.apply(SOLID)
     world[2, 0] += 0.05
     fit = fit_rigid(SOLID, world, SIGMA)
     assert fit.leave_one_out.argmax() == 2
     assert fit.leave_one_out[2] == pytest.approx(0.05, rel=1e-6)
+    world = 3.2808 * POSE.apply(SOLID)
+    assert free_scale(SOLID, world) == pytest.approx(3.2808)
+    assert_allclose(np.linalg.det(fit_rigid(SOLID, world, SIGMA).pose.target_from_source.as_matrix()), 1.0)
 
 
 @pytest.mark.parametrize(
@@ -143,12 +146,6 @@ def test_leave_one_out_names_the_bad_point() -> None:
 def test_points_that_fix_no_pose_are_refused_with_the_reason(solve: Fit, body: FloatArray, said: str) -> None:
     with pytest.raises(FitError, match=said):
         solve(body, body, SIGMA)
-
-
-def test_the_free_scale_is_a_diagnosis_and_no_part_of_the_pose() -> None:
-    world = 3.2808 * POSE.apply(SOLID)
-    assert free_scale(SOLID, world) == pytest.approx(3.2808)
-    assert_allclose(np.linalg.det(fit_rigid(SOLID, world, SIGMA).pose.target_from_source.as_matrix()), 1.0)
 
 
 def test_a_mirrored_solid_body_is_known_as_such_and_not_fitted_by_a_reflection() -> None:

@@ -33,7 +33,7 @@ def plan_of(lab: Path, old: str = "", new: str = "") -> SurveyPlan:
     return read_survey_plan(path)
 
 
-def test_a_survey_gives_the_pose_of_every_pallet_at_every_stop(
+def test_a_survey_gives_the_pose_of_every_pallet_at_every_stop_and_how_well_each_heading_is_known(
     lab: Path, lab_truth: dict[tuple[str, str], LevelPose]
 ) -> None:
     truth = read_surveyed_truth(lab)
@@ -45,6 +45,11 @@ def test_a_survey_gives_the_pose_of_every_pallet_at_every_stop(
         assert np.linalg.eigvalsh(pose.covariance).min() > 0
     assert [stop.time for stop in truth.stops] == [1.0, 3.0]
     assert truth.notes == ()
+    assert re.fullmatch(
+        r"body 'A': 3 points of 0\.6 mm, residual 0\.\d+ mm, heading known to 0\.04\d* degrees, tilt measured",
+        truth.pallets[0].statement,
+    )
+    assert truth.stops[1].forklift.statement.startswith("stop 'S2': 3 points")
 
 
 @pytest.mark.parametrize("level", [False, True])
@@ -76,16 +81,7 @@ def test_a_sigma_that_is_too_small_is_found_out_and_put_right(
     assert 0.6 < ratio < 1.5
 
 
-def test_the_report_can_say_how_well_each_heading_is_known(lab: Path) -> None:
-    truth = read_surveyed_truth(lab)
-    assert re.fullmatch(
-        r"body 'A': 3 points of 0\.6 mm, residual 0\.\d+ mm, heading known to 0\.04\d* degrees, tilt measured",
-        truth.pallets[0].statement,
-    )
-    assert truth.stops[1].forklift.statement.startswith("stop 'S2': 3 points")
-
-
-def test_two_targets_suffice_for_a_level_body_and_that_is_said(
+def test_two_targets_suffice_for_a_level_body_and_that_and_points_of_no_target_are_said(
     lab: Path, lab_points: Points, lab_truth: dict[tuple[str, str], LevelPose]
 ) -> None:
     points = {name: place for name, place in lab_points.items() if name not in ("V3-S1", "A-UL")}
@@ -96,9 +92,6 @@ def test_two_targets_suffice_for_a_level_body_and_that_is_said(
     assert "stop 'S1': has 2 points and is taken to stand level" in truth.notes
     assert "survey.csv: body 'A' lacks A-UL" in truth.notes
     assert "taken to be level" in truth.pallets[0].statement
-
-
-def test_points_that_are_no_target_are_noted(lab: Path, lab_points: Points) -> None:
     truth = survey_truth(plan_of(lab), as_survey({**lab_points, "K7": [0.0, 0.0, 0.0]}))
     assert truth.notes == ("survey.csv: point 'K7' (line 13) is no target",)
 

@@ -22,10 +22,7 @@ from palletloc.io.truth import Truth, read_truth
 from palletloc.measurement import PalletMeasurement
 from palletloc.recording_run import Job, read_job
 
-PARTS = {
-    f"{FAR_BELOW} m or more below": (FAR_BELOW, math.inf),
-    "other heights": (-math.inf, FAR_BELOW),
-}
+PARTS = {f"{FAR_BELOW} m or more below": (FAR_BELOW, math.inf), "other heights": (-math.inf, FAR_BELOW)}
 """Least and greatest height of the camera above the pallets' lower edges, in metres."""
 ORDER = (Method.PAPER, Method.HORIZONTAL_PLANE, Method.JOINT_SEARCH, Method.REFINED)
 """The methods from the paper's on, in tables and figures."""

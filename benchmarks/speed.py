@@ -84,11 +84,7 @@ def measure_speed(folder: Path, rounds: int, console: Console) -> list[Section]:
     ]
     planes = _plane_timings(recording, rounds)
     size = f"{recording.camera.width} x {recording.camera.height}"
-    rows = [
-        *_step_rows(joined(shots), planes, size),
-        *_method_rows(joined(pallets)),
-        *memory,
-    ]
+    rows = [*_step_rows(joined(shots), planes, size), *_method_rows(joined(pallets)), *memory]
     note = f"CPU time in one thread; medians of {rounds} rounds over {len(picked)} shots and {len(targets)} pallets."
     return [Section(f"Speed on {folder.name}", _COLUMNS, tuple(rows), note)]
 

@@ -73,11 +73,7 @@ def hidden_shares(simulation: Simulation, shot: int, solids: NDArray[np.int32]) 
     camera_from_world = (world_from_forklift * simulation.forklift_from_camera).inv()
     return [
         hidden_share(
-            simulation.camera,
-            solids,
-            body,
-            camera_from_world * pallet.world_from_pallet.transform(),
-            pallet.model,
+            simulation.camera, solids, body, camera_from_world * pallet.world_from_pallet.transform(), pallet.model
         )
         # the rack beside the path is built first, the one across the aisle after it
         for body, pallet in zip(bodies, simulation.aisle.pallets, strict=False)

@@ -65,12 +65,7 @@ class EdgeFit:
 
 
 def edge_peaks(
-    gradient: Energy,
-    grid: PlaneGrid,
-    starts: FloatArray,
-    ends: FloatArray,
-    across: FloatArray,
-    reach: FloatArray,
+    gradient: Energy, grid: PlaneGrid, starts: FloatArray, ends: FloatArray, across: FloatArray, reach: FloatArray
 ) -> EdgePeaks:
     """Find the strongest true local maximum of the gradient on each cut across each edge.
 

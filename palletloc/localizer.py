@@ -90,10 +90,7 @@ class Localizer:
     """
 
     def __init__(
-        self,
-        models: Iterable[PalletModel],
-        method: Method = Method.REFINED,
-        config: LocalizerConfig | None = None,
+        self, models: Iterable[PalletModel], method: Method = Method.REFINED, config: LocalizerConfig | None = None
     ) -> None:
         self.models = {model.name: model for model in models}
         if not self.models:

@@ -18,7 +18,7 @@ from palletloc.io.recording import Recording, ShotError, ShotFile, check_shelf, 
 from palletloc.io.run_folder import RunFolder
 from palletloc.io.starts import START_COLUMNS, ShotStarts, read_starts
 from palletloc.localizer import Explanation, Localizer, Start
-from palletloc.measurement import PalletMeasurement
+from palletloc.measurement import PalletMeasurement, RefusedCandidate
 from palletloc.shelf_view import ShelfPlaneError
 from palletloc.trajectory import TrajectoryError
 
@@ -83,10 +83,7 @@ class Job:
 
 
 def read_job(
-    folder: Path,
-    method: Method = Method.REFINED,
-    config: LocalizerConfig | None = None,
-    initial: Path | None = None,
+    folder: Path, method: Method = Method.REFINED, config: LocalizerConfig | None = None, initial: Path | None = None
 ) -> Job:
     """Read a recording and make its localizer.
 
@@ -143,10 +140,10 @@ class ShotOutcome:
     """How long it took, in seconds."""
     rows: tuple[PalletMeasurement | NoPose, ...] = ()
     """Its rows of measurements.csv."""
-    explanation: Explanation | None = None
-    """What was found; None where the shot was skipped."""
+    refusals: tuple[RefusedCandidate, ...] = ()
+    """Its rows of refusals.csv. Views and image of the shot are not kept: they are large."""
     problem: str = ""
-    """Why it was skipped, in one line."""
+    """Why it was skipped, in one line; empty where it was not."""
 
 
 def work_through(job: Job, output: RunFolder, *, strict: bool = False) -> Iterator[ShotOutcome]:
@@ -196,15 +193,15 @@ def _worked(job: Job, number: int, shot: ShotFile, strict: bool) -> ShotOutcome:
         if strict:
             raise
         return ShotOutcome(number, shot, perf_counter() - started, problem=str(error))
-    rows = tuple(job.rows(explanation))
-    return ShotOutcome(number, shot, perf_counter() - started, rows, explanation)
+    rows, refusals = tuple(job.rows(explanation)), tuple(explanation.refusals)
+    return ShotOutcome(number, shot, perf_counter() - started, rows, refusals)
 
 
 def _keep(outcome: ShotOutcome, output: RunFolder) -> None:
-    if outcome.explanation is None:
+    if outcome.problem:
         output.skip(outcome.number, outcome.problem)
     else:
-        output.add(outcome.number, outcome.rows, outcome.explanation.refusals)
+        output.add(outcome.number, outcome.rows, outcome.refusals)
 
 
 def _useless(job: Job, skipped: list[ShotOutcome]) -> ShotError:

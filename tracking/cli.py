@@ -37,15 +37,13 @@ def track(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results; made if missing.")],
     method: Annotated[Method, typer.Option(help="How poses are measured.")] = Method.REFINED,
     config: Annotated[
-        Path | None,
-        typer.Option(metavar="YAML", help="Parameters of your own; see palletloc config."),
+        Path | None, typer.Option(metavar="YAML", help="Parameters of your own; see palletloc config.")
     ] = None,
     smooth: Annotated[
         bool, typer.Option("--smooth", help="Also write each track as all shots together know it.")
     ] = False,
     measurements: Annotated[
-        Path | None,
-        typer.Option(metavar="CSV", help="Track these measurements.csv; no image is read."),
+        Path | None, typer.Option(metavar="CSV", help="Track these measurements.csv; no image is read.")
     ] = None,
     strict: Annotated[bool, typer.Option("--strict", help="Stop at the first shot that cannot be used.")] = False,
     resume: Annotated[

@@ -118,11 +118,7 @@ def _report(
 
 def _named(evaluated: EvaluatedRecording, smoothed: EvaluatedSource) -> dict[str, EvaluatedSource]:
     sources = evaluated.runs[0].sources
-    return {
-        "single shots": sources[SHOTS_SOURCE],
-        "tracks": sources[TRACKS_SOURCE],
-        "tracks, smoothed": smoothed,
-    }
+    return {"single shots": sources[SHOTS_SOURCE], "tracks": sources[TRACKS_SOURCE], "tracks, smoothed": smoothed}
 
 
 def _table(sources: dict[str, EvaluatedSource]) -> Table:

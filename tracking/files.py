@@ -32,14 +32,7 @@ _FLAGS = {"no": False, "yes": True}
 def track_row(state: TrackState) -> TrackRow:
     """Return the row of a tracker's answer."""
     return TrackRow(
-        state.time,
-        state.track,
-        state.model,
-        state.status,
-        state.pose,
-        state.covariance,
-        state.age,
-        state.hits,
+        state.time, state.track, state.model, state.status, state.pose, state.covariance, state.age, state.hits
     )
 
 

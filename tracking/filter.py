@@ -24,18 +24,7 @@ from tracking.config import TrackerConfig
 from tracking.gating import Association
 from tracking.motion import Motion
 from tracking.observation import YAW, Observation
-from tracking.state import (
-    COMMON,
-    CONSTANTS,
-    OWN,
-    POSE,
-    SIZE,
-    Gaussian,
-    IntArray,
-    Predicted,
-    TrackGroup,
-    places_of,
-)
+from tracking.state import COMMON, CONSTANTS, OWN, POSE, SIZE, Gaussian, IntArray, Predicted, TrackGroup, places_of
 
 X, Y, HEIGHT = 0, 1, 2
 """Indices of the place in a pose."""

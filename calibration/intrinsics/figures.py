@@ -21,10 +21,7 @@ _SIDE, _HALF_SIDE, _HALF_TOP = 420, 540, 84
 def coverage_figure(coverage: Sequence[Coverage]) -> Figure:
     """Draw where corners are: angle off axis outwards, around the axis as in the image."""
     figure = titled_figure(
-        560,
-        "Coverage",
-        f"Angle off axis ({DEGREE}) from the middle outwards; grey: sectors without a corner",
-        _LEFT,
+        560, "Coverage", f"Angle off axis ({DEGREE}) from the middle outwards; grey: sectors without a corner", _LEFT
     )
     for lens, cover in enumerate(coverage):
         left = _LEFT + lens * (_SIDE + 120)

@@ -213,11 +213,7 @@ def _stitched_sections(result: StitchedCalibration) -> Iterator[page.Section]:
             "covariance": fit.after.covariance.tolist(),
             "camera": spec_from_camera(fit.camera).model_dump(mode="json"),
             "views": [
-                {
-                    "name": view.name,
-                    "rms_px": {"before": _rms(before), "after": _rms(after)},
-                    "used": used.tolist(),
-                }
+                {"name": view.name, "rms_px": {"before": _rms(before), "after": _rms(after)}, "used": used.tolist()}
                 for view, before, after, used in views
             ],
         }

@@ -139,8 +139,5 @@ def _camera(camera: Equirectangular, fit: LensFit) -> StitchedEquirectangular:
     half = RigidTransform.from_components(shift, turn)
     bends = [[float(values[i]) for i in _BENDS] for values in fit.rig.values]
     return StitchedEquirectangular(
-        camera.width,
-        camera.height,
-        StitchedLens(half.inv(), *bends[0]),
-        StitchedLens(half * _TURNED, *bends[1]),
+        camera.width, camera.height, StitchedLens(half.inv(), *bends[0]), StitchedLens(half * _TURNED, *bends[1])
     )

@@ -127,10 +127,7 @@ def _level_part(
 
 
 def _state(
-    problem: MotionProblem,
-    seen: list[RigidTransform | None],
-    way: FloatArray,
-    camera: RigidTransform,
+    problem: MotionProblem, seen: list[RigidTransform | None], way: FloatArray, camera: RigidTransform
 ) -> MotionState:
     boards = np.zeros((problem.targets, 4, 4))
     for corners, shot, pose in reversed(list(zip(problem.observations, problem.shot_of, seen, strict=True))):

@@ -166,8 +166,7 @@ class MountingProblem:
         """Return the problem in which bearings start from two centres, this far apart along an axis, in metres."""
         observations = tuple(
             replace(
-                corners,
-                origins=corners.origins + np.sign(corners.bearings @ axis)[:, None] * axis * distance / 2,
+                corners, origins=corners.origins + np.sign(corners.bearings @ axis)[:, None] * axis * distance / 2
             )
             for corners in self.observations
         )

@@ -105,10 +105,7 @@ def _known(values: FloatArray) -> list[float | None]:
 
 
 def _sigma_values(sigma: FloatArray) -> dict[str, list[float | None]]:
-    return {
-        "translation_sigma_m": _known(sigma[:3]),
-        "rotation_sigma_deg": _known(np.degrees(sigma[3:])),
-    }
+    return {"translation_sigma_m": _known(sigma[:3]), "rotation_sigma_deg": _known(np.degrees(sigma[3:]))}
 
 
 def _sigma_texts(sigma: FloatArray) -> list[str]:

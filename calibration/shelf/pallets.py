@@ -62,10 +62,7 @@ class PalletObservation:
 
 
 def find_pallets(
-    recording: Recording,
-    shots: Sequence[int],
-    prior: ShelfPlane,
-    on_progress: Callable[[str], None] = lambda _: None,
+    recording: Recording, shots: Sequence[int], prior: ShelfPlane, on_progress: Callable[[str], None] = lambda _: None
 ) -> tuple[list[PalletObservation], ShelfPlane]:
     """Localize the pallets of a recording, first widely around a rough plane, then around what that gives.
 

@@ -25,10 +25,7 @@ from palletloc.io.schema import RecordingSpec, ShelfSpec
 from palletloc.io.yaml_document import format_document, read_document
 from palletloc.shelf import ShelfPlane
 
-_FRONT = {
-    Front.UPRIGHTS: "the front faces of the uprights",
-    Front.PALLETS: "the middle of the pallets' fronts",
-}
+_FRONT = {Front.UPRIGHTS: "the front faces of the uprights", Front.PALLETS: "the middle of the pallets' fronts"}
 """What a front is, in words."""
 _VERDICTS = {0: "The plane holds.", 1: "The plane fails.", 3: "The data cannot give the plane."}
 """By exit code."""
@@ -83,10 +80,7 @@ def _plane(survey: ShelfSurvey) -> Iterator[page.Section]:
     yield page.KeyFigures(
         (
             (f"{survey.fused.distance:.3f} m", f"from the camera {PLUS_MINUS} {1000 * distance:.1f} mm"),
-            (
-                f"{np.degrees(survey.plane.facing):.2f}{DEGREE}",
-                f"facing {PLUS_MINUS} {np.degrees(turn):.2f}{DEGREE}",
-            ),
+            (f"{np.degrees(survey.plane.facing):.2f}{DEGREE}", f"facing {PLUS_MINUS} {np.degrees(turn):.2f}{DEGREE}"),
         )
     )
     yield page.Paragraph(

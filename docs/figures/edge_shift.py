@@ -7,10 +7,7 @@ from palletloc.face import EdgeKind, FaceEdge, edge_shift
 from palletloc.pallet import Opening, PalletModel
 
 RADIUS = 0.010
-TITLES = {
-    EdgeKind.SIDE: "a side of the outline or of an opening",
-    EdgeKind.BOTTOM: "the lower edge of the outline",
-}
+TITLES = {EdgeKind.SIDE: "a side of the outline or of an opening", EdgeKind.BOTTOM: "the lower edge of the outline"}
 model = PalletModel(
     "round", 1.1, 0.144, 1.1, (Opening(-0.265, 0.024, 0.29, 0.092), Opening(0.265, 0.024, 0.29, 0.092)), 0.0, RADIUS
 )

@@ -36,10 +36,7 @@ for place, turn in zip((-1.2, 1.2), TURNS_DEG, strict=True):
     corners = [origin + s * WIDTH / 2 * left + d * DEPTH * into for s, d in ((1, 0), (-1, 0), (-1, 1), (1, 1))]
     axes.add_patch(Polygon(corners, closed=True, facecolor="0.92", edgecolor="0.6"))
     axes.annotate(
-        "",
-        xy=at(origin + 0.8 * into),
-        xytext=at(origin),
-        arrowprops={"arrowstyle": "-|>", "color": "tab:red"},
+        "", xy=at(origin + 0.8 * into), xytext=at(origin), arrowprops={"arrowstyle": "-|>", "color": "tab:red"}
     )
     axes.plot([origin[0], origin[0] + 0.9], [origin[1], origin[1]], ":", color="0.5")
     axes.add_patch(Arc(at(origin), 0.9, 0.9, theta1=0, theta2=np.degrees(yaw), color="tab:red"))

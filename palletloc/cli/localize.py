@@ -110,12 +110,12 @@ class Tally:
 
     def add(self, outcome: ShotOutcome) -> None:
         """Count a shot, unless it was skipped."""
-        if outcome.explanation is None:
+        if outcome.problem:
             return
         found = _found(outcome)
         self.pallets.update(found)
         self.without_pose += len(outcome.rows) - len(found)
-        self.refusals.update(f"{refusal.stage}: {refusal.reason}" for refusal in outcome.explanation.refusals)
+        self.refusals.update(f"{refusal.stage}: {refusal.reason}" for refusal in outcome.refusals)
         self.durations.append(outcome.duration)
 
     def table(self, done: int, skipped: int) -> Table:
@@ -174,7 +174,7 @@ def _found(outcome: ShotOutcome) -> list[str]:
 
 def _summary(outcome: ShotOutcome) -> str:
     found = len(_found(outcome))
-    refused = len(outcome.explanation.refusals) if outcome.explanation else 0
+    refused = len(outcome.refusals)
     pallets = "1 pallet" if found == 1 else f"{found} pallets"
     return f"{outcome.shot.file}: {pallets}, {refused} refused, {outcome.duration:.2f} s"
 

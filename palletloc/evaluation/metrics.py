@@ -37,10 +37,7 @@ Document = dict[str, Any]
 
 
 def metrics_document(
-    truth: RecordingTruth,
-    runs: Sequence[EvaluatedRun],
-    settings: Settings,
-    compared: Sequence[ComparedRuns] = (),
+    truth: RecordingTruth, runs: Sequence[EvaluatedRun], settings: Settings, compared: Sequence[ComparedRuns] = ()
 ) -> Document:
     """Return the document about the runs over one recording.
 
@@ -143,12 +140,7 @@ def _truth(truth: RecordingTruth, run: EvaluatedRun, settings: Settings) -> Docu
 
 def _requirement(asked: Requirement) -> Document:
     limits = {f"{name}_m": float(limit) for name, limit in zip(COMPONENTS[:3], asked.limits, strict=False)}
-    return {
-        **limits,
-        "yaw_deg": math.degrees(asked.yaw),
-        "share": asked.share,
-        "confidence": asked.confidence,
-    }
+    return {**limits, "yaw_deg": math.degrees(asked.yaw), "share": asked.share, "confidence": asked.confidence}
 
 
 def _source(source: EvaluatedSource, settings: Settings) -> Document:
@@ -166,16 +158,9 @@ def _source(source: EvaluatedSource, settings: Settings) -> Document:
             }
             for name, group in sorted(by_pallet(errors).items())
         },
-        "never_found": sorted(
-            {face.id for shot in source.shots for face in shot.missed} - set(by_pallet(errors)),
-        ),
+        "never_found": sorted({face.id for shot in source.shots for face in shot.missed} - set(by_pallet(errors))),
         "distance": [
-            {
-                "from_m": part.low,
-                "to_m": part.high,
-                "found": _proportion(part.found),
-                "errors": _spreads(part.errors),
-            }
+            {"from_m": part.low, "to_m": part.high, "found": _proportion(part.found), "errors": _spreads(part.errors)}
             for part in by_distance(source.shots, edges)
         ],
         "stops": [_stop(stop) for stop in source.stops],

@@ -191,19 +191,12 @@ def _gradient(camera: CameraModel, seen: HorizontalView, up: float) -> tuple[Ene
     None where the camera does not see the lines' middle.
     """
     across, along = pixel_sizes(
-        camera,
-        seen.view.camera_from_plane,
-        np.full((2, 2), [0.0, up]),
-        np.array([[0.0, 1.0], [1.0, 0.0]]),
+        camera, seen.view.camera_from_plane, np.full((2, 2), [0.0, up]), np.array([[0.0, 1.0], [1.0, 0.0]])
     )
     if not np.isfinite([across, along]).all():
         return None
     sigma = SMOOTHING_PIXELS * np.array([across, along]) / seen.view.grid.resolution
-    return (
-        gradient_across(seen.view.image, True, float(sigma[0]), float(sigma[1])),
-        float(across),
-        float(along),
-    )
+    return (gradient_across(seen.view.image, True, float(sigma[0]), float(sigma[1])), float(across), float(along))
 
 
 def _voters(lens: CameraModel, model: PalletModel, seen: HorizontalView) -> list[_Voter]:

@@ -226,12 +226,7 @@ class Profiles:
 
 
 def cut_profiles(
-    shot: Shot,
-    camera_from_face: FloatArray,
-    cuts: FaceCuts,
-    shift: FloatArray,
-    reach: FloatArray,
-    pixel: FloatArray,
+    shot: Shot, camera_from_face: FloatArray, cuts: FaceCuts, shift: FloatArray, reach: FloatArray, pixel: FloatArray
 ) -> Profiles:
     """Sample the image along cuts.
 

@@ -182,10 +182,7 @@ def _outlier(body: SurveyedBody, limit: float) -> str | None:
     if len(suspects) != 1:
         return None
     index = suspects[0]
-    off = max(
-        (got - want for got, want, pair in _rows(body) if index in pair),
-        key=abs,
-    )
+    off = max((got - want for got, want, pair in _rows(body) if index in pair), key=abs)
     point = body.points[index]
     message = (
         f"{lines_text(point.lines)}: point '{point.name}' does not fit the others of {body.label}: its distances are"

@@ -8,14 +8,17 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from calibration.intrinsics.task import Chessboard
-from calibration.targets.targets import CharucoBoard, SingleTag, marker_dictionary, patterns
+from calibration.targets.targets import CharucoBoard, SingleTag, Target, marker_dictionary, patterns
+from palletloc.__main__ import COMMANDS
 from palletloc.cameras import CameraModel
+from palletloc.cli.app import run
 from palletloc.geometry import FloatArray, Image
+from tests.calibration.expecting import Calibrate, Ran
 from tests.calibration.simulated_yard import Yard, YardErrors, boards_around, simulate_yard
 
 AROUND = (0.4, 1.3, 2.6, -0.6, -1.4, -2.5)
 USUAL = YardErrors()
-Printed = CharucoBoard | SingleTag | Chessboard
+Printed = Target | Chessboard
 Hung = tuple[Printed, RigidTransform]
 
 
@@ -31,10 +34,7 @@ def yard(forklift_from_camera: RigidTransform) -> Callable[..., Yard]:
     board = CharucoBoard(7, 5, 0.1, 0.075, "DICT_4X4_250")
 
     def draw(
-        azimuths: Sequence[float] = AROUND,
-        seed: int = 0,
-        errors: YardErrors = USUAL,
-        target: CharucoBoard | SingleTag = board,
+        azimuths: Sequence[float] = AROUND, seed: int = 0, errors: YardErrors = USUAL, target: Target = board
     ) -> Yard:
         boards = boards_around(forklift_from_camera.translation, azimuths, seed)
         return simulate_yard(patterns(target)[0], forklift_from_camera, boards, errors, seed)
@@ -61,6 +61,12 @@ def print_of(target: Printed, *, legacy: bool = False) -> tuple[FloatArray, floa
     board.setLegacyPattern(legacy)
     picture = board.generateImage((size[0] * 48, size[1] * 48))
     return np.asarray(picture, dtype=np.float64) / 255, target.columns * target.square
+
+
+@pytest.fixture
+def calibrate(capfd: pytest.CaptureFixture[str]) -> Calibrate:
+    """Return what runs ``palletloc calibrate`` and returns how it ended."""
+    return lambda *arguments: Ran(run(["calibrate", *map(str, arguments)], COMMANDS), *capfd.readouterr())
 
 
 @pytest.fixture(scope="session")

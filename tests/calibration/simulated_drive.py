@@ -7,11 +7,11 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from calibration.drive import DriveNoise, compose, relative
-from calibration.motion.problem import SCALE_PRIOR, Height, MotionProblem
-from calibration.targets.observations import CornerObservation
+from calibration.motion.problem import Height, MotionProblem
 from calibration.targets.targets import PrintedPattern, on_board
 from palletloc.geometry import FloatArray
 from palletloc.trajectory import Trajectory
+from tests.calibration.simulated_yard import seen
 
 RATE = 50.0
 """Samples of the odometry per second."""
@@ -38,13 +38,7 @@ class DriveErrors:
 
 
 def drive_of(segments: Sequence[tuple[float, float, float]]) -> Trajectory:
-    """Return a way from pieces with constant speed and yaw rate, joined within a third of a second.
-
-    Parameters
-    ----------
-    segments : sequence of tuple of float
-        Duration in seconds, speed in metres per second, yaw rate in radians per second.
-    """
+    """Return a way of pieces, (s, m/s, rad/s) each, with constant rates, joined within a third of a second."""
     rates = np.concatenate([np.tile([speed, turn], (round(time * RATE), 1)) for time, speed, turn in segments])
     window = np.hanning(round(RATE / 3) + 2)
     padded = np.pad(rates, ((len(window), len(window)), (0, 0)), mode="edge")
@@ -58,39 +52,13 @@ def drive_of(segments: Sequence[tuple[float, float, float]]) -> Trajectory:
 
 
 def simulate_drive(
-    truth: Trajectory,
-    forklift_from_camera: RigidTransform,
-    boards: Sequence[tuple[PrintedPattern, RigidTransform]],
-    stated: RigidTransform,
-    errors: DriveErrors = DriveErrors(),
-    *,
-    shots: int = 30,
-    heights: Mapping[int, Height] | None = None,
-    seed: int = 0,
-    scale_sigma: float = SCALE_PRIOR,
-) -> MotionProblem:
-    """Return what a camera and the odometry of a forklift would say.
+    truth: Trajectory, forklift_from_camera: RigidTransform, boards: Sequence[tuple[PrintedPattern, RigidTransform]],
+    stated: RigidTransform, errors: DriveErrors, heights: Mapping[int, Height], *, shots: int, seed: int,
+    scale_sigma: float,
+) -> MotionProblem:  # fmt: skip
+    """Return what a camera and the odometry of a forklift would say; `truth` is ``odom_from_forklift``.
 
-    Parameters
-    ----------
-    truth : Trajectory
-        ``odom_from_forklift``.
-    forklift_from_camera : RigidTransform
-        The camera.
-    boards : sequence of tuple
-        PrintedPattern and ``odom_from_board`` of each target.
-    stated : RigidTransform
-        The mounting as it is stated.
-    errors : DriveErrors
-        What goes wrong.
-    shots : int
-        How many are taken, evenly over the time.
-    heights : mapping of int to Height, optional
-        Of targets whose height is known.
-    seed : int
-        The same errors for the same seed.
-    scale_sigma : float
-        How far the wheels' scale may be off, relative.
+    `boards` come with ``odom_from_board``, `heights` are of targets whose height is known, `stated` is the mounting.
     """
     rng = np.random.default_rng([seed, 5])
     times = np.linspace(truth.times[0] + 0.7, truth.times[-1] - 0.7, shots)
@@ -101,25 +69,12 @@ def simulate_drive(
         for k, (pattern, board) in enumerate(boards):
             points = on_board(pattern.corners)
             rays = (odom * forklift_from_camera).inv().apply(board.apply(points))
-            rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
-            rays = rays + errors.drawn * rng.normal(0, errors.bearing, rays.shape)
-            rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
-            observations.append(
-                CornerObservation(k, points, rays, np.zeros_like(rays), np.full(len(rays), errors.bearing))
-            )
+            observations.append(seen(k, points, rays, errors.bearing, rng if errors.drawn else None))
             shot_of.append(index)
-    odometry = _measured(truth, errors, rng)
     return MotionProblem(
-        times,
-        odometry,
-        errors.noise,
-        tuple(observations),
-        tuple(shot_of),
-        len(boards),
-        stated,
-        dict(heights or {}),
-        scale_sigma=scale_sigma,
-    )
+        times, _measured(truth, errors, rng), errors.noise, tuple(observations), tuple(shot_of), len(boards), stated,
+        dict(heights), scale_sigma=scale_sigma,
+    )  # fmt: skip
 
 
 def _measured(truth: Trajectory, errors: DriveErrors, rng: np.random.Generator) -> Trajectory:

@@ -4,8 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from palletloc.__main__ import COMMANDS
-from palletloc.cli.app import run
+from tests.calibration.expecting import Calibrate
 
 WRONG = [
     ("plan nowhere.yaml", 1, "nowhere.yaml: no such file; expected a layout"),
@@ -21,29 +20,40 @@ WRONG = [
     ("check . --out c.html", 1, "recording.yaml: no such file"),
     ("check . --out c.pdf", 1, "--out c.pdf: expected the name of a .html file"),
     ("shelf . --out r.yaml", 1, "recording.yaml: no such file"),
+    ("shelf . --out r.txt", 1, "--out r.txt: expected the name of a .yaml file"),
+    ("shelf nowhere --out r.yaml", 1, "nowhere: no such folder; expected a recording"),
+    ("board --out b.png", 1, "--out b.png: expected the name of a .pdf file"),
     ("board --out b.pdf --dictionary FOO", 1, "unknown dictionary 'FOO'"),
+    ("board --out b.pdf --dictionary DICT_4X4_25", 1, "did you mean 'DICT_4X4_250'?"),
+    ("board --out b.pdf --first 240", 1, "the ids 0 to 249; the target needs 240 to 256"),
+    ("board --rows 1", 2, "Invalid value for '--rows'"),
     ("shelf . --out r.yaml --side up --distance 2", 2, "--side up: expected left or right"),
     ("shelf . --out r.yaml --side left", 2, "--side and --distance go together"),
+    ("shelf . --out r.yaml --front beams", 2, "--front beams: expected uprights or pallets"),
+    ("shelf .", 2, "Missing option '--out'"),
+    ("extrinsics", 2, "Missing option '--out'"),
+    ("extrinsics x", 2, "Missing option '--out'"),
+    ("extrinsics x --motion y --out r.yaml", 2, "expected one of FOLDER and --motion RECORDING"),
     ("extrinsics --out r.yaml", 2, "expected one of FOLDER and --motion RECORDING"),
     ("check", 2, "RECORDING"),
+    ("intrinsics", 2, "FOLDER"),
+    ("plan", 2, "LAYOUT"),
+    ("plan a b", 2, "unexpected extra argument"),
+    ("nothing", 2, "No such command 'nothing'"),
+    ("", 2, ""),
 ]
 
 
 @pytest.mark.parametrize(("line", "code", "told"), WRONG)
 def test_wrong_input_is_told_in_one_line(
-    line: str,
-    code: int,
-    told: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capfd: pytest.CaptureFixture[str],
+    line: str, code: int, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, calibrate: Calibrate
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "150")
-    assert run(["calibrate", *line.split()], COMMANDS) == code
-    said = capfd.readouterr().err
-    assert told in said
-    assert "Traceback" not in said
+    ended = calibrate(*line.split())
+    assert ended.code == code
+    assert told in ended.err
+    assert "Traceback" not in ended.err
     if code == 1:
-        assert said.count("\n") == 1
+        ended.refuses(told)
     assert not list(tmp_path.iterdir())

@@ -9,13 +9,13 @@ import yaml
 from scipy.spatial.transform import RigidTransform
 
 from calibration.targets.targets import CharucoBoard, on_board, patterns
-from palletloc.__main__ import COMMANDS
 from palletloc.cameras import Equirectangular
-from palletloc.cli.app import run
 from palletloc.geometry import FloatArray, Image
 from tests.calibration.simulated_yard import boards_around
 
 CAMERA = Equirectangular(1280, 640)
+Change = Callable[[dict[str, Any]], object]
+"""Of a file's content."""
 CORNERS = ("top_left", "top_right", "bottom_left")
 
 
@@ -52,11 +52,7 @@ def copied(folder: Path, place: Path, names: Sequence[str] = ("shot.png",)) -> d
     return content
 
 
-def calibrate(folder: Path, out: Path) -> int:
-    return run(["calibrate", "extrinsics", str(folder), "--out", str(out)], COMMANDS)
-
-
-def set_key(*keys: str | int, value: object) -> Callable[[dict[str, Any]], None]:
+def set_key(*keys: str | int, value: object) -> Change:
     """Return a change of a file's content."""
 
     def change(content: dict[str, Any]) -> None:

@@ -232,9 +232,7 @@ def test_it_widens_by_its_posterior_probability(apart: FloatArray, odds: float) 
 
 
 @given(st.lists(st.tuples(nats, aside), min_size=1, max_size=4))
-def test_they_exclude_each_other_and_their_order_does_not_matter(
-    others: list[tuple[float, FloatArray]],
-) -> None:
+def test_they_exclude_each_other_and_their_order_does_not_matter(others: list[tuple[float, FloatArray]]) -> None:
     rivals = [rival(*other) for other in others]
     weights = np.exp([0.0, *(other[0] for other in others)])
     expected = sum(w * np.outer(other[1], other[1]) for w, other in zip(weights[1:], others, strict=True))

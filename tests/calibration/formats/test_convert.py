@@ -10,10 +10,10 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from calibration.formats.camera_file import FiledCamera, camera_text, optical
 from calibration.formats.convert import convert_camera, read_cameras
+from calibration.formats.fields import FormatError
 from calibration.formats.kalibr import kalibr_text
 from calibration.formats.ocam import OcamCamera
 from calibration.targets.board_detection import detect_markers
-from palletloc.__main__ import COMMANDS
 from palletloc.cameras import (
     CameraModel,
     DoubleSphere,
@@ -25,9 +25,9 @@ from palletloc.cameras import (
     Mei,
     Pinhole,
 )
-from palletloc.cli.app import run
 from palletloc.geometry import FloatArray
 from palletloc.io.camera_spec import spec_from_camera
+from tests.calibration.expecting import Calibrate, present
 
 SHARED = Path(__file__).resolve().parents[3].parent / "shared/data/real_lenses"
 CAMERAS: dict[str, CameraModel] = {
@@ -44,14 +44,8 @@ HOLDS = {
     "ros": ("kannala_brandt", "pinhole"),
     "opencv": ("kannala_brandt", "mei", "pinhole"),
 }
-SUFFIX = {
-    "palletloc": ".yaml",
-    "kalibr": ".yaml",
-    "basalt": ".json",
-    "ros": ".yaml",
-    "opencv": ".xml",
-    "ocam": ".txt",
-}
+PLAIN = ", distortion_model: none, distortion_coeffs: []"
+SUFFIX = {"palletloc": ".yaml", "kalibr": ".yaml", "basalt": ".json", "ros": ".yaml", "opencv": ".xml"}
 
 
 def source(folder: Path, camera: CameraModel) -> Path:
@@ -157,23 +151,24 @@ def test_a_camchain_of_two_becomes_one_image_side_by_side(tmp_path: Path) -> Non
     np.testing.assert_allclose(apart, [-0.04, 0.0, 0.001], atol=1e-9)
 
 
-def test_names_of_kalibr_keep_their_order_of_numbers(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("names", "camera"),
+    [
+        (
+            "omni, intrinsics: [1.1,400,401,320,240], distortion_model: radtan, distortion_coeffs: [.1,.2,.01,.02]",
+            Mei(640, 480, 400, 401, 320, 240, 1.1, 0.1, 0.2, 0.01, 0.02),
+        ),
+        (
+            "ds, intrinsics: [-0.2, 0.6, 400, 401, 320, 240]" + PLAIN,
+            DoubleSphere(640, 480, 400, 401, 320, 240, -0.2, 0.6),
+        ),
+        ("eucm, intrinsics: [0.6, 1.1, 400, 401, 320, 240]" + PLAIN, Eucm(640, 480, 400, 401, 320, 240, 0.6, 1.1)),
+    ],
+)
+def test_names_of_kalibr_keep_their_order_of_numbers(tmp_path: Path, names: str, camera: CameraModel) -> None:
     path = tmp_path / "chain.yaml"
-    path.write_text(
-        "cam0: {camera_model: omni, intrinsics: [1.1, 400, 401, 320, 240], distortion_model: radtan,"
-        " distortion_coeffs: [0.1, 0.2, 0.01, 0.02], resolution: [640, 480]}\n"
-    )
-    assert read_cameras(path)[0].camera == Mei(640, 480, 400, 401, 320, 240, 1.1, 0.1, 0.2, 0.01, 0.02)
-    path.write_text(
-        "cam0: {camera_model: ds, intrinsics: [-0.2, 0.6, 400, 401, 320, 240], distortion_model: none,"
-        " distortion_coeffs: [], resolution: [640, 480]}\n"
-    )
-    assert read_cameras(path)[0].camera == DoubleSphere(640, 480, 400, 401, 320, 240, -0.2, 0.6)
-    path.write_text(
-        "cam0: {camera_model: eucm, intrinsics: [0.6, 1.1, 400, 401, 320, 240], distortion_model: none,"
-        " distortion_coeffs: [], resolution: [640, 480]}\n"
-    )
-    assert read_cameras(path)[0].camera == Eucm(640, 480, 400, 401, 320, 240, 0.6, 1.1)
+    path.write_text(f"cam0: {{camera_model: {names}, resolution: [640, 480]}}\n")
+    assert read_cameras(path)[0].camera == camera
 
 
 KALIBR = {
@@ -253,16 +248,14 @@ def changed(content: dict[str, Any], place: str, value: object) -> dict[str, Any
     ],
 )  # fmt: skip
 def test_a_bad_file_is_one_line_with_its_place(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, content: object, message: str
+    tmp_path: Path, calibrate: Calibrate, name: str, content: object, message: str
 ) -> None:
     path, out = tmp_path / name, tmp_path / "o.yaml"
     text = content if isinstance(content, str) else None
     path.write_text(text or (json.dumps(content) if name.endswith("json") else yaml.safe_dump(content)))
-    assert run(["calibrate", "convert", str(path), "--to", "palletloc", "--out", str(out)], COMMANDS) == 1
-    told = capsys.readouterr().err
-    assert message in told
-    assert str(path) in told
-    assert told.count("\n") == 1
+    ended = calibrate("convert", path, "--to", "palletloc", "--out", out)
+    ended.refuses(message)
+    assert str(path) in ended.err
     assert not out.exists()
 
 
@@ -277,21 +270,18 @@ def test_a_bad_file_is_one_line_with_its_place(
     ],
 )
 def test_a_wrong_request_is_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch,
-    arguments: tuple[str, ...], message: str,
-) -> None:  # fmt: skip
+    tmp_path: Path, calibrate: Calibrate, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], message: str
+) -> None:
     monkeypatch.chdir(tmp_path)
     path = source(tmp_path, CAMERAS["eucm"])
-    assert run(["calibrate", "convert", str(path), *arguments], COMMANDS) == 1
-    assert message in capsys.readouterr().err
+    calibrate("convert", path, *arguments).refuses(message)
 
 
-def test_a_panorama_has_no_lens(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_panorama_has_no_lens(tmp_path: Path, calibrate: Calibrate) -> None:
     path = source(tmp_path, Equirectangular(200, 100))
-    arguments = ["calibrate", "convert", str(path), "--out", str(tmp_path / "o.yaml"), "--to"]
-    assert run([*arguments, "kalibr"], COMMANDS) == 1
-    assert "a stitched panorama has no form in kalibr" in capsys.readouterr().err
-    assert run([*arguments, "palletloc"], COMMANDS) == 0
+    arguments = "convert", path, "--out", tmp_path / "o.yaml", "--to"
+    calibrate(*arguments, "kalibr").refuses("a stitched panorama has no form in kalibr")
+    assert calibrate(*arguments, "palletloc").code == 0
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the lenses are not there")
@@ -303,8 +293,51 @@ def test_a_real_ocam_calibration_shows_tags_far_off_axis(tmp_path: Path) -> None
     there = rays(ocam)
     again = ocam.unproject(ocam.project(there).pixels)
     assert np.degrees(np.linalg.norm(again.directions - there, axis=-1)[again.valid]).max() < 0.1
-    image = cv2.imread(str(SHARED / "wide/image.jpg"), cv2.IMREAD_GRAYSCALE)
-    assert image is not None
+    image = present(cv2.imread(str(SHARED / "wide/image.jpg"), cv2.IMREAD_GRAYSCALE))
     fisheye = read_cameras(tmp_path / "wide.yaml")[0].camera
     markers = detect_markers(fisheye, np.asarray(image, dtype=np.uint8), "DICT_APRILTAG_36h11", 1.5)
     assert {marker.id for marker in markers} >= {1, 2}
+
+
+ADAPTER = {
+    "double_sphere": (
+        {"xi": -0.24, "alpha": 0.566},
+        DoubleSphere(752, 480, 210.0, 211.0, 365.8, 249.4, -0.24, 0.566),
+    ),
+    "eucm": ({"alpha": 0.586, "beta": 1.139}, Eucm(752, 480, 210.0, 211.0, 365.8, 249.4, 0.586, 1.139)),
+    "pinhole": (
+        {"k1": -0.28, "k2": 0.09, "p1": 0.002, "p2": -0.0015, "k3": 0.0},
+        Pinhole(752, 480, 210.0, 211.0, 365.8, 249.4, -0.28, 0.09, 0.002, -0.0015),
+    ),
+}
+
+
+def adapter_file(path: Path, terms: dict[str, float]) -> Path:
+    lens = {"fx": 210.0, "fy": 211.0, "cx": 365.8, "cy": 249.4}
+    path.write_text(yaml.safe_dump({"image": {"width": 752, "height": 480}, "parameter": {**lens, **terms}}))
+    return path
+
+
+@pytest.mark.parametrize("model", sorted(ADAPTER))
+def test_files_of_the_adapter_are_told_apart_by_their_numbers(model: str, tmp_path: Path) -> None:
+    terms, expected = ADAPTER[model]
+    found = read_cameras(adapter_file(tmp_path / "lens.yml", terms))[0].camera
+    assert type(found) is type(expected)
+    points = np.random.default_rng(0).normal(size=(500, 3))
+    np.testing.assert_array_equal(found.project(points).pixels, expected.project(points).pixels)
+
+
+def test_unknown_numbers_of_an_adapter_file_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(FormatError, match="parameter: expected fx, fy, cx, cy and one of"):
+        read_cameras(adapter_file(tmp_path / "lens.yml", {"xi": 1.0}))
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the lenses are not there")
+def test_four_models_of_one_real_lens_see_the_same() -> None:
+    cameras = [read_cameras(path)[0].camera for path in sorted((SHARED / "one_lens").glob("*.yml"))]
+    assert len(cameras) == 4
+    u, v = np.meshgrid(np.linspace(60, 690, 12), np.linspace(50, 430, 9))
+    seen = [camera.unproject(np.stack([u.ravel(), v.ravel()], axis=1)) for camera in cameras]
+    for other in seen[1:]:
+        apart = np.degrees(np.linalg.norm(other.directions - seen[0].directions, axis=1))
+        assert np.sqrt((apart**2).mean()) < 0.15

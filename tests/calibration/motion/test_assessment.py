@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -14,25 +15,26 @@ from scipy.stats import chi2
 from calibration.degeneracy import LIMITS
 from calibration.motion.assessment import MotionAssessment, MotionResult, assess_motion
 from calibration.motion.fit import lost_by_motion
-from calibration.motion.problem import SCALE_PRIOR, Height, MotionState
+from calibration.motion.problem import SCALE_PRIOR, Height, MotionProblem, MotionState
 from calibration.motion.report import motion_page
-from calibration.mounting.fit import turn_to
 from calibration.result_page import html_text
-from calibration.targets.targets import CharucoBoard, PrintedPattern, facing, patterns
-from palletloc.__main__ import COMMANDS
+from calibration.targets.targets import PrintedPattern, facing, patterns
 from palletloc.cameras import Equirectangular
-from palletloc.cli.app import run
 from palletloc.geometry import FloatArray, Image
 from palletloc.trajectory import Trajectory
+from tests.calibration.expecting import Calibrate, present
 from tests.calibration.simulated_drive import DriveErrors, drive_of, simulate_drive
+from tests.calibration.simulated_yard import pose_error
+from tests.calibration.yard_folder import board, board_key
 
-BOARD = CharucoBoard(4, 3, 0.2, 0.15, "DICT_4X4_50")
+BOARD = board(0)
 STATED = RigidTransform.from_components([0.30, 0.05, 1.90], Rotation.identity())
 STATED_SIGMA = np.array([0.05, 0.05, 0.05, *np.radians([3.0, 3.0, 3.0])])
 SHOTS = 12
 """Few: each adds three unknowns."""
 STRAIGHT, ARC, SPIN = ((6, 0.5, 0.0),), ((8, 0.4, 0.2),), ((8, 0.0, 0.3),)
 BENDS, CURVE = ((5, 0.4, 0.3), (5, 0.4, -0.3)), ((3, 0.5, 0.0), (5, 0.4, 0.35), (3, 0.5, 0.0))
+USUAL = DriveErrors()
 Way = tuple[tuple[float, float, float], ...]
 
 
@@ -45,28 +47,33 @@ def boards_beside(way: Trajectory) -> list[tuple[PrintedPattern, RigidTransform]
     ]
 
 
-def assessed(
-    camera: RigidTransform,
-    way: Way,
-    errors: DriveErrors,
-    seed: int = 0,
-    *,
-    height: bool = False,
-    scale_sigma: float = SCALE_PRIOR,
-) -> MotionAssessment:
+def simulated(
+    camera: RigidTransform, way: Way, errors: DriveErrors = USUAL, stated: RigidTransform = STATED, *,
+    height: bool = False, shots: int = SHOTS, seed: int = 0, scale_sigma: float = SCALE_PRIOR,
+) -> MotionProblem:  # fmt: skip
     truth = drive_of(way)
     boards = boards_beside(truth)
-    heights = {0: Height(float(boards[0][1].translation[2]), 0.003)} if height else None
-    problem = simulate_drive(
-        truth, camera, boards, STATED, errors, shots=SHOTS, heights=heights, seed=seed, scale_sigma=scale_sigma
+    heights = {0: Height(float(boards[0][1].translation[2]), 0.003)} if height else {}
+    return simulate_drive(
+        truth, camera, boards, stated, errors, heights, shots=shots, seed=seed, scale_sigma=scale_sigma
     )
-    return assess_motion(problem, STATED_SIGMA)
+
+
+def assessed(camera: RigidTransform, way: Way, errors: DriveErrors, **more: Any) -> MotionAssessment:
+    return assess_motion(simulated(camera, way, errors, **more), STATED_SIGMA)
 
 
 def error(told: MotionAssessment, camera: RigidTransform) -> FloatArray:
-    assert told.fit is not None
-    found = told.fit.state.camera
-    return np.concatenate([camera.translation - found.translation, turn_to(found.rotation, camera.rotation)])
+    return pose_error(present(told.fit).state.camera, camera)
+
+
+def square(told: MotionAssessment, camera: RigidTransform) -> tuple[float, int]:
+    """Return the square of the error in the known directions over its covariance, and how many they are."""
+    fit = present(told.fit)
+    known, _ = fit.split()
+    off = known.T @ (error(told, camera) / LIMITS)
+    covariance = known.T @ (fit.covariance / np.outer(LIMITS, LIMITS)) @ known
+    return float(off @ np.linalg.solve(covariance, off)), len(off)
 
 
 @pytest.mark.parametrize(
@@ -90,19 +97,16 @@ def test_lost_directions_are_named_and_the_rest_is_right(
     assert "z" in finding.what
     assert named in finding.what
     assert {4: "a straight drive", 3: "one arc", 2: "on the spot", 1: "a drive on the floor"}[lost] in finding.what
-    assert told.fit is not None
-    known = told.fit.sigma <= LIMITS
+    sigma = present(told.fit).sigma
+    known = sigma <= LIMITS
     assert not known[2]
-    assert (np.abs(error(told, forklift_from_camera))[known] < 4 * told.fit.sigma[known]).all()
+    assert (np.abs(error(told, forklift_from_camera))[known] < 4 * sigma[known]).all()
 
 
 @pytest.mark.parametrize(("way", "lost"), [(STRAIGHT, 4), (ARC, 2), (SPIN, 2), (BENDS, 1), (CURVE, 1)])
 def test_what_commutes_with_all_motions_is_lost(forklift_from_camera: RigidTransform, way: Way, lost: int) -> None:
-    truth = drive_of(way)
-    problem = simulate_drive(
-        truth, forklift_from_camera, boards_beside(truth), STATED, DriveErrors(drawn=False), shots=SHOTS
-    )
-    boards = np.stack([pose.as_matrix() for _, pose in boards_beside(truth)])
+    problem = simulated(forklift_from_camera, way, DriveErrors(drawn=False))
+    boards = np.stack([pose.as_matrix() for _, pose in boards_beside(drive_of(way))])
     kernel = lost_by_motion(problem, MotionState(forklift_from_camera, boards, problem.way()))
     assert kernel.shape[1] == lost
     up = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
@@ -114,44 +118,37 @@ def test_known_directions_are_consistent_over_many_drives(forklift_from_camera: 
     squares, freedom = [], 0
     for seed in range(30):
         errors = DriveErrors(scale=1.01, bias=0.004, delay=0.06)
-        told = assessed(forklift_from_camera, BENDS if seed % 2 else CURVE, errors, seed)
-        assert told.fit is not None
-        known, _ = told.fit.split()
-        off = known.T @ (error(told, forklift_from_camera) / LIMITS)
-        covariance = known.T @ (told.fit.covariance / np.outer(LIMITS, LIMITS)) @ known
-        squares.append(float(off @ np.linalg.solve(covariance, off)))
-        freedom += known.shape[1]
+        told = assessed(forklift_from_camera, BENDS if seed % 2 else CURVE, errors, seed=seed)
+        off, known = square(told, forklift_from_camera)
+        squares.append(off)
+        freedom += known
     assert chi2.ppf(0.002, freedom) < sum(squares) < chi2.ppf(0.998, freedom)
 
 
 def test_a_known_height_gives_all_six(forklift_from_camera: RigidTransform) -> None:
     told = assessed(forklift_from_camera, BENDS, DriveErrors(), height=True)
-    assert told.fit is not None
-    assert told.fit.split()[1].shape[1] == 0
-    assert told.fit.sigma[2] < 0.01
-    assert (np.abs(error(told, forklift_from_camera)) < 4 * told.fit.sigma).all()
+    fit = present(told.fit)
+    assert fit.split()[1].shape[1] == 0
+    assert fit.sigma[2] < 0.01
+    assert (np.abs(error(told, forklift_from_camera)) < 4 * fit.sigma).all()
 
 
 def test_faults_of_the_odometry_are_told(forklift_from_camera: RigidTransform) -> None:
     told = assessed(forklift_from_camera, BENDS, DriveErrors(scale=1.04, delay=0.3))
-    assert told.fit is not None
-    scale, _, delay = told.fit.fault_sigma
-    assert told.fit.state.scale == pytest.approx(1.04, abs=4 * scale)
-    assert told.fit.state.delay == pytest.approx(0.3, abs=4 * delay)
+    fit = present(told.fit)
+    scale, _, delay = fit.fault_sigma
+    assert fit.state.scale == pytest.approx(1.04, abs=4 * scale)
+    assert fit.state.delay == pytest.approx(0.3, abs=4 * delay)
     assert delay < 0.02
     assert {"time_offset", "wheel_scale"} <= {finding.code for finding in told.findings}
 
 
 @pytest.mark.slow
 def test_a_mounting_that_is_stated_wrongly_is_told(forklift_from_camera: RigidTransform) -> None:
-    truth = drive_of(BENDS)
-    stated = RigidTransform.from_components([0.33, 0.09, 1.92], Rotation.from_euler("y", 4.0, degrees=True))
-    problem = simulate_drive(truth, forklift_from_camera, boards_beside(truth), stated, shots=SHOTS)
-    told = assess_motion(problem, np.array([0.001] * 3 + [0.001] * 3))
-    assert "mounting_differs" in {finding.code for finding in told.findings}
-    right = simulate_drive(truth, forklift_from_camera, boards_beside(truth), forklift_from_camera, shots=SHOTS)
-    told = assess_motion(right, np.array([0.001] * 3 + [0.001] * 3))
-    assert "mounting_differs" not in {finding.code for finding in told.findings}
+    turned = RigidTransform.from_components([0.33, 0.09, 1.92], Rotation.from_euler("y", 4.0, degrees=True))
+    for stated, told in ((turned, True), (forklift_from_camera, False)):
+        assessment = assess_motion(simulated(forklift_from_camera, BENDS, stated=stated), np.full(6, 0.001))
+        assert ("mounting_differs" in {finding.code for finding in assessment.findings}) == told
 
 
 @pytest.mark.slow
@@ -163,11 +160,8 @@ def test_wheels_of_a_known_scale_tell_the_distance_to_an_arcs_centre(forklift_fr
     assert "wheel_scale" in told[0].how
     assert "does not tell 2 of 6" in told[1].what
     assert "wheels' scale" not in told[1].what
-    assert known.fit is not None
-    directions, _ = known.fit.split()
-    off = directions.T @ (error(known, forklift_from_camera) / LIMITS)
-    covariance = directions.T @ (known.fit.covariance / np.outer(LIMITS, LIMITS)) @ directions
-    assert float(off @ np.linalg.solve(covariance, off)) < chi2.ppf(0.999, len(off))
+    off, freedom = square(known, forklift_from_camera)
+    assert off < chi2.ppf(0.999, freedom)
 
 
 @pytest.mark.parametrize(
@@ -182,19 +176,15 @@ def test_a_slip_of_the_wheels_is_named_or_does_no_harm(
     forklift_from_camera: RigidTransform, way: Way, length: float
 ) -> None:
     told = assessed(forklift_from_camera, way, DriveErrors(slips=((4.3, length),)))
-    assert told.fit is not None
-    known, _ = told.fit.split()
-    off = known.T @ (error(told, forklift_from_camera) / LIMITS)
-    covariance = known.T @ (told.fit.covariance / np.outer(LIMITS, LIMITS)) @ known
-    assert float(off @ np.linalg.solve(covariance, off)) < chi2.ppf(0.999, len(off))
+    off, freedom = square(told, forklift_from_camera)
+    assert off < chi2.ppf(0.999, freedom)
     if length > 0.1:
         assert {"slip", "odometry_sigma"} & {finding.code for finding in told.findings}
 
 
 def test_the_report_draws_the_way_and_names_what_is_told(forklift_from_camera: RigidTransform) -> None:
     told = assessed(forklift_from_camera, BENDS, DriveErrors())
-    assert told.fit is not None
-    assert told.fit.split()[1].shape[1] == 1
+    assert present(told.fit).split()[1].shape[1] == 1
     page = html_text(motion_page(MotionResult(told, Equirectangular(1280, 640))))
     assert page.count(">lost</td>") == 1
     assert page.count(">told</td>") == 5
@@ -202,9 +192,7 @@ def test_the_report_draws_the_way_and_names_what_is_told(forklift_from_camera: R
 
 
 def test_few_shots_are_refused(forklift_from_camera: RigidTransform) -> None:
-    truth = drive_of(BENDS)
-    problem = simulate_drive(truth, forklift_from_camera, boards_beside(truth), STATED, shots=4)
-    told = assess_motion(problem, STATED_SIGMA)
+    told = assessed(forklift_from_camera, BENDS, DriveErrors(), shots=4)
     assert (told.exit_code, told.findings[0].code) == (3, "few_sights")
 
 
@@ -215,12 +203,12 @@ def recording(
     """Return a recording of a drive past one board."""
     folder = tmp_path_factory.mktemp("drive")
     truth = drive_of(CURVE)
-    board = boards_beside(truth)[0][1]
+    place = boards_beside(truth)[0][1]
     shots = ["time_s,file"]
     for index, time in enumerate(np.linspace(1.0, truth.times[-1] - 1.0, 8)):
         pose = truth.pose_at(float(time))
         odom = RigidTransform.from_components([pose.x, pose.y, 0.0], Rotation.from_euler("z", pose.yaw))
-        shot = render(Equirectangular(1280, 640), [(BOARD, (odom * forklift_from_camera).inv() * board)])
+        shot = render(Equirectangular(1280, 640), [(BOARD, (odom * forklift_from_camera).inv() * place)])
         cv2.imwrite(str(folder / f"{index}.png"), shot)
         shots.append(f"{time:.6f},{index}.png")
     (folder / "shots.csv").write_text("\n".join(shots) + "\n")
@@ -236,17 +224,16 @@ def recording(
         "pallets": ["epal1-1200"],
     }  # fmt: skip
     (folder / "recording.yaml").write_text(yaml.safe_dump(content))
-    spec = {"columns": 4, "rows": 3, "square_m": 0.2, "marker_m": 0.15, "dictionary": "DICT_4X4_50", "first_id": 0}
-    (folder / "targets.yaml").write_text(yaml.safe_dump({"format": 1, "targets": {"B": {"charuco": spec}}}))
+    (folder / "targets.yaml").write_text(yaml.safe_dump({"format": 1, "targets": {"B": board_key(0)}}))
     return folder
 
 
-def test_a_recording_is_checked(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_recording_is_checked(recording: Path, tmp_path: Path, calibrate: Calibrate) -> None:
     out = tmp_path / "rig.yaml"
-    assert run(["calibrate", "extrinsics", "--motion", str(recording), "--out", str(out)], COMMANDS) == 3
-    told = capsys.readouterr()
-    assert "degenerate: motion_lost:" in told.err
-    assert "not told" in told.out
+    ended = calibrate("extrinsics", "--motion", recording, "--out", out)
+    assert ended.code == 3
+    assert "degenerate: motion_lost:" in ended.err
+    assert "not told" in ended.out
     assert not out.exists()
     data = json.loads((tmp_path / "rig.failed.json").read_text())
     assert data["found_minus_stated"][2] is None
@@ -254,19 +241,9 @@ def test_a_recording_is_checked(recording: Path, tmp_path: Path, capsys: pytest.
     assert np.degrees(data["found_minus_stated"][3:5]) == pytest.approx([-0.9, 1.2], abs=0.1)
 
 
-def test_a_recording_without_targets_is_one_line(
-    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_recording_without_targets_is_one_line(recording: Path, tmp_path: Path, calibrate: Calibrate) -> None:
     place = tmp_path / "other"
     place.mkdir()
     for name in ("recording.yaml", "shots.csv", "odometry.csv"):
         (place / name).write_text((recording / name).read_text())
-    assert run(["calibrate", "extrinsics", "--motion", str(place), "--out", "rig.yaml"], COMMANDS) == 1
-    told = capsys.readouterr().err
-    assert "targets.yaml" in told
-    assert told.count("\n") == 1
-
-
-@pytest.mark.parametrize("arguments", [[], ["folder", "--motion", "recording"]])
-def test_folder_or_drive_is_needed(arguments: list[str]) -> None:
-    assert run(["calibrate", "extrinsics", *arguments, "--out", "rig.yaml"], COMMANDS) == 2
+    calibrate("extrinsics", "--motion", place, "--out", "rig.yaml").refuses("targets.yaml")

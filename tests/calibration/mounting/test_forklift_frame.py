@@ -1,7 +1,7 @@
 """The camera's pose from a survey of targets and forklift in the total station's own frame."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 import yaml
 from scipy.spatial.transform import RigidTransform, Rotation
-from scipy.stats import chi2
 
 from calibration.mounting.consensus import agree
-from calibration.mounting.fit import fit_mounting, turn_to
+from calibration.mounting.fit import fit_mounting
 from calibration.mounting.forklift_frame import ForkliftFrame, frame_from_points, frame_from_wheels
 from calibration.targets.targets import CharucoBoard
 from palletloc.geometry import FloatArray, Image
 from palletloc.io.camera_spec import transform_from_angles
 from palletloc.survey.point import Survey, SurveyPoint
-from tests.calibration.simulated_yard import Yard, YardErrors
-from tests.calibration.yard_folder import CORNERS, board_key, calibrate, copied, render_yard, set_key, write
+from tests.calibration.expecting import Calibrate, present
+from tests.calibration.simulated_yard import Yard, YardErrors, assert_consistent, pose_error
+from tests.calibration.yard_folder import CORNERS, board_key, copied, render_yard, set_key, write
 from tests.palletloc.survey.gsi_writer import point_block, write_gsi
 
 WORLD_FROM_FORKLIFT = RigidTransform.from_components(
@@ -67,13 +67,10 @@ def test_exact_points_give_the_frame(method: Callable[[Survey], ForkliftFrame]) 
 def test_errors_of_the_frame_are_as_stated(method: Callable[[Survey], ForkliftFrame]) -> None:
     squares = []
     for seed in range(100):
-        pose = method(survey_of(PRISMS | FLOOR | WHEELS, np.random.default_rng(seed))).pose
-        assert pose is not None
-        moved = WORLD_FROM_FORKLIFT.translation - pose.target_from_source.translation
-        off = np.concatenate([moved, turn_to(pose.target_from_source.rotation, WORLD_FROM_FORKLIFT.rotation)])
+        pose = present(method(survey_of(PRISMS | FLOOR | WHEELS, np.random.default_rng(seed))).pose)
+        off = pose_error(pose.target_from_source, WORLD_FROM_FORKLIFT)
         squares.append(float(off @ np.linalg.solve(pose.covariance, off)))
-    low, high = (chi2.ppf(level, 6 * len(squares)) / len(squares) for level in (0.005, 0.995))
-    assert low < np.mean(squares) < high
+    assert_consistent(squares)
 
 
 @pytest.mark.slow
@@ -84,21 +81,17 @@ def test_the_cameras_covariance_is_consistent(
     squares = []
     for seed in range(240):
         small = CharucoBoard(4, 3, 0.12, 0.09, "DICT_4X4_250")
-        errors = YardErrors(survey=SIGMA, bearing=1e-4)
-        drawn = yard((0.4, 2.0, -2.6, -1.2), seed, errors, small)
+        drawn = yard((0.4, 2.0, -2.6, -1.2), seed, YardErrors(survey=SIGMA, bearing=1e-4), small)
         frame = method(survey_of(PRISMS | FLOOR | WHEELS, np.random.default_rng([seed, 7])))
         assert frame.pose is not None
         shift = frame.pose.target_from_source.inv() * WORLD_FROM_FORKLIFT
         surveys = tuple(replace(survey, points=shift.apply(survey.points)) for survey in drawn.problem.surveys)
-        start = agree(replace(drawn.problem, surveys=surveys))
-        assert start is not None
+        start = present(agree(replace(drawn.problem, surveys=surveys)))
         bare = fit_mounting(start.problem, start.poses)
         solution = bare.with_frame_errors(frame.camera_covariance(bare.poses.camera))
-        moved = drawn.truth.camera.translation - solution.poses.camera.translation
-        off = np.concatenate([moved, turn_to(solution.poses.camera.rotation, drawn.truth.camera.rotation)])
+        off = pose_error(solution.poses.camera, drawn.truth.camera)
         squares.append(float(off @ np.linalg.solve(solution.covariance, off)))
-    low, high = (chi2.ppf(level, 6 * len(squares)) / len(squares) for level in (0.005, 0.995))
-    assert low < np.mean(squares) < high
+    assert_consistent(squares)
 
 
 @pytest.fixture(scope="module")
@@ -139,7 +132,7 @@ def points_in(path: Path) -> dict[str, FloatArray]:
     return {name: np.array([float(v) for v in values]) for name, *values in rows}
 
 
-Change = Callable[[dict[str, Any], dict[str, FloatArray]], None]
+Change = Callable[[dict[str, Any], dict[str, FloatArray]], object]
 
 
 def variant(folder: Path, place: Path, change: Change) -> Path:
@@ -151,22 +144,20 @@ def variant(folder: Path, place: Path, change: Change) -> Path:
     return place
 
 
+def key(*keys: str, value: object) -> Change:
+    return lambda content, _: set_key(*keys, value=value)(content)
+
+
 def frame(**keys: object) -> Change:
-    def change(content: dict[str, Any], _: dict[str, FloatArray]) -> None:
-        content["survey"]["frame"] = keys
-
-    return change
+    return key("survey", "frame", value=keys)
 
 
-def as_gsi(content: dict[str, Any], _: dict[str, FloatArray]) -> None:
-    content["survey"]["file"] = "survey.gsi"
-
-
-@pytest.mark.parametrize("change", [frame(**MEASURED), frame(**MARKS), as_gsi])
+@pytest.mark.parametrize("change", [frame(**MEASURED), frame(**MARKS), key("survey", "file", value="survey.gsi")])
 def test_a_survey_in_the_world_gives_a_rig(
-    folder: Path, tmp_path: Path, forklift_from_camera: RigidTransform, change: Change
+    folder: Path, tmp_path: Path, forklift_from_camera: RigidTransform, change: Change, calibrate: Calibrate
 ) -> None:
-    assert calibrate(variant(folder, tmp_path / "yard", change), tmp_path / "rig.yaml") == 0
+    yard = variant(folder, tmp_path / "yard", change)
+    assert calibrate("extrinsics", yard, "--out", tmp_path / "rig.yaml").code == 0
     rig = yaml.safe_load((tmp_path / "rig.yaml").read_text())["forklift_from_camera"]
     found = transform_from_angles(rig["translation_m"], rig["roll_pitch_yaw_deg"])
     moved = np.abs(found.translation - forklift_from_camera.translation)
@@ -180,26 +171,24 @@ def test_a_survey_in_the_world_gives_a_rig(
     assert "The forklift in the survey" in (tmp_path / "rig.html").read_text()
 
 
-def in_millimetres(names: Sequence[str]) -> Change:
+def points(moved: Callable[[FloatArray], FloatArray], *names: str) -> Change:
+    """Return what moves the points whose names begin so; all of them without a name."""
+
     def change(_: dict[str, Any], world: dict[str, FloatArray]) -> None:
-        for name in names or tuple(world):
-            world[name] = world[name] * 1000
+        world |= {name: moved(place) for name, place in world.items() if name.startswith(names or "")}
 
     return change
 
 
-def moved(name: str, by: float) -> Change:
-    def change(_: dict[str, Any], world: dict[str, FloatArray]) -> None:
-        for point in world:
-            if point.startswith(name):
-                world[point] = world[point] + [0.0, 0.0, by]
-
-    return change
+def raised(name: str, by: float) -> Change:
+    return points(lambda place: place + np.array([0.0, 0.0, by]), name)
 
 
-def mirrored(_: dict[str, Any], world: dict[str, FloatArray]) -> None:
-    for name, (x, y, z) in world.items():
-        world[name] = np.array([y, x, z])
+def thousandfold(place: FloatArray) -> FloatArray:
+    return 1000 * place
+
+
+MIRRORED = points(lambda place: place[[1, 0, 2]])
 
 
 def together(*changes: Change) -> Change:
@@ -231,18 +220,18 @@ def rows(points: dict[str, list[float]]) -> Change:
 @pytest.mark.parametrize(
     ("change", "code", "message"),
     [
-        (in_millimetres(()), 1, "in millimetres, expected metres"),
-        (in_millimetres(tuple(PRISMS)), 1, "in millimetres, expected metres"),
-        (together(on_wheels(), in_millimetres(())), 1, "give all coordinates in metres"),
-        (mirrored, 1, "mirrored_axes: "),
-        (together(only("V1", "V2", "V3"), mirrored), 1, "mirrored"),
-        (together(frame(**{k: v for k, v in MARKS.items() if k != "ahead"}), mirrored), 1, "mirrored_axes: "),
+        (points(thousandfold), 1, "in millimetres, expected metres"),
+        (points(thousandfold, *PRISMS), 1, "in millimetres, expected metres"),
+        (together(on_wheels(), points(thousandfold)), 1, "give all coordinates in metres"),
+        (MIRRORED, 1, "mirrored_axes: "),
+        (together(only("V1", "V2", "V3"), MIRRORED), 1, "mirrored"),
+        (together(frame(**{k: v for k, v in MARKS.items() if k != "ahead"}), MIRRORED), 1, "mirrored_axes: "),
         (on_wheels(left_wheel="WR", right_wheel="WL"), 1, "are WR and WL swapped"),
-        (moved("B", 0.0), 0, ""),
-        (moved("P2", 0.02), 1, "target_moved: target B2"),
-        (moved("V3", 0.02), 1, "point 'V3' does not fit the others"),
-        (moved("V3", 0.0), 0, ""),
-        (together(on_wheels(), moved("F3", 0.03)), 1, "point_moved: point 'F"),
+        (raised("B", 0.0), 0, ""),
+        (raised("P2", 0.02), 1, "target_moved: target B2"),
+        (raised("V3", 0.02), 1, "point 'V3' does not fit the others"),
+        (raised("V3", 0.0), 0, ""),
+        (together(on_wheels(), raised("F3", 0.03)), 1, "point_moved: point 'F"),
         (only("V1", "V2"), 3, "frame_points: 2 points on the forklift"),
         (rows({"Q1": [0, 0, 1], "Q2": [0.5, 0, 1], "Q3": [1, 0, 1]}), 3, "on one straight line"),
         (on_wheels(floor=["F1", "F2"]), 3, "frame_points: 2 points on the floor"),
@@ -252,45 +241,30 @@ def rows(points: dict[str, list[float]]) -> Change:
     ],
 )
 def test_faults_of_the_survey_are_named(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], change: Change, code: int, message: str
+    folder: Path, tmp_path: Path, calibrate: Calibrate, change: Change, code: int, message: str
 ) -> None:
-    assert calibrate(variant(folder, tmp_path / "bad", change), tmp_path / "rig.yaml") == code
-    told = capsys.readouterr().err
-    assert message in told
+    ended = calibrate("extrinsics", variant(folder, tmp_path / "bad", change), "--out", tmp_path / "rig.yaml")
+    assert ended.code == code
+    assert message in ended.err
     assert (tmp_path / "rig.yaml").exists() == (code == 0)
-
-
-def key(*keys: str, value: object) -> Change:
-    return lambda content, _: set_key("survey", "targets", *keys, value=value)(content)
-
-
-def unknown(content: dict[str, Any], _: dict[str, FloatArray]) -> None:
-    content["survey"]["targets"]["B7"] = content["survey"]["targets"].pop("B1")
-
-
-def unplaced(content: dict[str, Any], _: dict[str, FloatArray]) -> None:
-    del content["survey"]["targets"]["B1"]
-
-
-def doubled(content: dict[str, Any], _: dict[str, FloatArray]) -> None:
-    content["targets"]["B1"]["sigma_m"] = 0.001
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (key("B1", "top_left", value="P10x"), "survey.csv: no point 'P10x'"),
-        (key("B1", "top_left", value="P00"), "survey.targets: point 'P00' stands there twice"),
-        (unknown, "survey.targets: unknown target 'B7'"),
-        (unplaced, "targets.B1.corners_m: is missing"),
-        (doubled, "targets.B1: expected neither corners_m nor sigma_m"),
+        (key("survey", "targets", "B1", "top_left", value="P10x"), "survey.csv: no point 'P10x'"),
+        (key("survey", "targets", "B1", "top_left", value="P00"), "survey.targets: point 'P00' stands there twice"),
+        (
+            lambda content, _: content["survey"]["targets"].update(B7=content["survey"]["targets"].pop("B1")),
+            "survey.targets: unknown target 'B7'",
+        ),
+        (lambda content, _: content["survey"]["targets"].pop("B1"), "targets.B1.corners_m: is missing"),
+        (key("targets", "B1", "sigma_m", value=0.001), "targets.B1: expected neither corners_m nor sigma_m"),
     ],
 )
 def test_names_that_do_not_fit_are_one_line(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], change: Change, message: str
+    folder: Path, tmp_path: Path, calibrate: Calibrate, change: Change, message: str
 ) -> None:
-    assert calibrate(variant(folder, tmp_path / "bad", change), tmp_path / "rig.yaml") == 1
-    told = capsys.readouterr().err
-    assert message in told
-    assert told.count("\n") == 1
+    wrong = variant(folder, tmp_path / "bad", change)
+    calibrate("extrinsics", wrong, "--out", tmp_path / "rig.yaml").refuses(message)
     assert [path.name for path in tmp_path.iterdir()] == ["bad"]

@@ -9,30 +9,24 @@ import yaml
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from calibration.mounting.consensus import agree
-from calibration.mounting.fit import fit_mounting, turn_to
+from calibration.mounting.fit import fit_mounting
 from calibration.mounting.problem import SurveyedTarget
 from calibration.plan.assessment import assess_plan
 from calibration.plan.prediction import Layout, PlannedTarget, predict
-from calibration.targets.targets import CharucoBoard, SingleTag, facing, on_board, patterns
-from palletloc.__main__ import COMMANDS
+from calibration.targets.targets import CharucoBoard, facing, on_board, patterns
 from palletloc.cameras import Equirectangular, Pinhole
-from palletloc.cli.app import run
-from tests.calibration.simulated_yard import Yard, YardErrors, boards_around, simulate_yard
-from tests.calibration.yard_folder import set_key
+from tests.calibration.expecting import Calibrate, present
+from tests.calibration.simulated_yard import Yard, YardErrors, boards_around, pose_error, simulate_yard
+from tests.calibration.yard_folder import Change, set_key
 
 CAMERA = Equirectangular(3840, 1920)
-BOARD, TAG = CharucoBoard(4, 3, 0.12, 0.09, "DICT_4X4_250"), SingleTag(0.2, "DICT_APRILTAG_36h11", 0)
+BOARD = CharucoBoard(4, 3, 0.12, 0.09, "DICT_4X4_250")
 EYE = RigidTransform.from_components([0.3, 0.1, 1.9], Rotation.identity())
 FRONT, BACK, LEFT, RIGHT = [3.0, 0.0, 1.6], [-2.6, 0.3, 1.2], [0.2, 2.5, 1.9], [0.5, -2.4, 0.8]
 
 
-def layout_of(
-    boards: list[RigidTransform],
-    target: CharucoBoard | SingleTag,
-    errors: YardErrors,
-    camera_pose: RigidTransform = EYE,
-) -> Layout:
-    pattern = patterns(target)[0]
+def layout_of(boards: list[RigidTransform], errors: YardErrors, camera_pose: RigidTransform = EYE) -> Layout:
+    pattern = patterns(BOARD)[0]
     outline = on_board(pattern.outline)
     planned = [
         PlannedTarget(pattern, SurveyedTarget(f"B{k}", outline, pose.apply(outline), errors.survey))
@@ -50,7 +44,7 @@ def test_what_is_predicted_is_what_the_fit_states(
     jacobian = drawn.problem.jacobian(drawn.truth)
     expected = np.linalg.inv(jacobian.T @ jacobian)[:6, :6]
     boards = boards_around(forklift_from_camera.translation, azimuths, 3)
-    actual = predict(layout_of(boards, BOARD, errors, forklift_from_camera)).covariance
+    actual = predict(layout_of(boards, errors, forklift_from_camera)).covariance
     np.testing.assert_allclose(actual, expected, rtol=1e-6, atol=1e-6 * expected.max())
 
 
@@ -58,33 +52,25 @@ def test_what_is_predicted_is_what_the_fit_states(
 def test_simulated_calibrations_scatter_as_predicted(forklift_from_camera: RigidTransform) -> None:
     azimuths, errors = (0.4, 2.0, -2.6, -1.2), YardErrors(survey=0.001, bearing=2e-4)
     boards = boards_around(forklift_from_camera.translation, azimuths, 0)
-    predicted = predict(layout_of(boards, BOARD, errors, forklift_from_camera)).sigma
+    predicted = predict(layout_of(boards, errors, forklift_from_camera)).sigma
     off = []
     for seed in range(400):
-        drawn = simulated(boards, errors, forklift_from_camera, seed)
-        start = agree(drawn.problem)
-        assert start is not None
+        drawn = simulate_yard(patterns(BOARD)[0], forklift_from_camera, boards, errors, seed)
+        start = present(agree(drawn.problem))
         camera = fit_mounting(start.problem, start.poses).poses.camera
-        turned = turn_to(forklift_from_camera.rotation, camera.rotation)
-        off.append([*(camera.translation - forklift_from_camera.translation), *turned])
+        off.append(pose_error(camera, forklift_from_camera))
     scatter = np.sqrt(np.mean(np.square(off), axis=0))
     # The root mean square of n numbers is known to 1 / sqrt(2 n); six are compared.
     np.testing.assert_allclose(scatter / predicted, 1.0, atol=3.5 / np.sqrt(2 * 400))
 
 
-def simulated(boards: list[RigidTransform], errors: YardErrors, camera: RigidTransform, seed: int) -> Yard:
-    return simulate_yard(patterns(BOARD)[0], camera, boards, errors, seed)
-
-
 TAG_SPEC = {"dictionary": "DICT_APRILTAG_36h11", "size_m": 0.2}
 
 
-def write(
-    place: Path, centers: list[list[float]], change: Callable[[dict[str, Any]], None] = lambda _: None, **more: object
-) -> Path:
-    """Write a layout of tags."""
+def write(place: Path, centers: list[list[float]], change: Change = lambda _: None, **more: object) -> Path:
+    """Write a layout of tags, each with more keys."""
     targets = {
-        f"T{k}": {"tag": TAG_SPEC | {"id": k}, "center_m": center, "sigma_m": 0.001}
+        f"T{k}": {"tag": TAG_SPEC | {"id": k}, "center_m": center, "sigma_m": 0.001} | more
         for k, center in enumerate(centers)
     }
     content: dict[str, Any] = {
@@ -93,24 +79,19 @@ def write(
         "forklift_from_camera": {"translation_m": [0.3, 0.1, 1.9], "roll_pitch_yaw_deg": [0, 0, 0]},
         "corner_deg": 0.02,
         "targets": targets,
-    } | more
+    }
     change(content)
     path = place / "layout.yaml"
     path.write_text(yaml.safe_dump(content))
     return path
 
 
-def plan(path: Path, *options: str) -> int:
-    return run(["calibrate", "plan", str(path), *options], COMMANDS)
-
-
-def test_tags_on_four_sides_pass(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_tags_on_four_sides_pass(tmp_path: Path, calibrate: Calibrate) -> None:
     corners = [[x, y, z] for x, y, z in ([2.8, 2.1, 1.0], [-2.2, 2.3, 1.7], [-2.3, -2.1, 1.1], [2.9, -2.0, 2.2])]
     path = write(tmp_path, [FRONT, BACK, LEFT, RIGHT, *corners])
-    assert plan(path, "--out", str(tmp_path / "plan.html")) == 0
-    told = capsys.readouterr()
-    assert "predicted sigma" in told.out
-    assert told.err == ""
+    ended = calibrate("plan", path, "--out", tmp_path / "plan.html")
+    assert (ended.code, ended.err) == (0, "")
+    assert "predicted sigma" in ended.out
     page, data = (tmp_path / "plan.html").read_text(), json.loads((tmp_path / "plan.json").read_text())
     assert page.count('src="data:image/png;base64,') == page.count("<img ") == 1
     # Published for eight tags on four walls at 0.02 degrees and 1 mm: 0.6, 0.6, 0.4 mm and 0.01 degrees.
@@ -121,17 +102,12 @@ def test_tags_on_four_sides_pass(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert len(data["targets"]) == 8
 
 
-def test_one_wall_has_the_published_sigmas_and_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_one_wall_has_the_published_sigmas_and_is_refused(tmp_path: Path, calibrate: Calibrate) -> None:
     centers = [[3.3, y, z] for y in (-1.0, 1.0) for z in (1.4, 2.4)]
-
-    def face(content: dict[str, Any]) -> None:
-        for target in content["targets"].values():
-            target["facing_deg"] = 180.0
-
-    assert plan(write(tmp_path, centers, face), "--out", str(tmp_path / "plan.html")) == 3
-    told = capsys.readouterr()
-    assert "degenerate: one_wall:" in told.err
-    assert "hang a target like" in told.err
+    ended = calibrate("plan", write(tmp_path, centers, facing_deg=180.0), "--out", tmp_path / "plan.html")
+    assert ended.code == 3
+    assert "degenerate: one_wall:" in ended.err
+    assert "hang a target like" in ended.err
     data = json.loads((tmp_path / "plan.failed.json").read_text())
     sigma = np.array(data["predicted"]["translation_sigma_m"])
     # Published for four tags on a wall at 0.02 degrees and 1 mm: along the line of sight 1.6 mm, across it 6.7 mm.
@@ -150,22 +126,18 @@ def test_one_wall_has_the_published_sigmas_and_is_refused(tmp_path: Path, capsys
     ],
 )
 def test_degenerate_layouts_are_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], centers: list[list[float]], code: str
+    tmp_path: Path, calibrate: Calibrate, centers: list[list[float]], code: str
 ) -> None:
-    def face(content: dict[str, Any]) -> None:
-        for target in content["targets"].values():
-            target["facing_deg"] = 180.0
-
-    assert plan(write(tmp_path, centers, face)) == 3
-    assert f"degenerate: {code}:" in capsys.readouterr().err
+    ended = calibrate("plan", write(tmp_path, centers, facing_deg=180.0))
+    assert ended.code == 3
+    assert f"degenerate: {code}:" in ended.err
 
 
 def test_one_more_target_helps_as_much_as_promised() -> None:
     boards = boards_around(EYE.translation, (0.3, -0.4, 0.1), 1)
-    layout = layout_of(boards, BOARD, YardErrors(survey=0.001, bearing=2e-4))
+    layout = layout_of(boards, YardErrors(survey=0.001, bearing=2e-4))
     before = assess_plan(layout)
-    offer = before.suggestion
-    assert offer is not None
+    offer = present(before.suggestion)
     level = np.sqrt(2.0**2 - offer.above**2)
     middle = EYE.translation + np.array([level * np.cos(offer.azimuth), level * np.sin(offer.azimuth), offer.above])
     model = layout.targets[0]
@@ -181,27 +153,24 @@ def test_one_more_target_helps_as_much_as_promised() -> None:
 def test_a_target_that_is_not_seen_gives_nothing() -> None:
     camera = Pinhole(1920, 1080, 900.0, 900.0, 960.0, 540.0)
     boards = boards_around(EYE.translation, (0.2, -0.3, 3.0), 2)
-    layout = layout_of(boards, BOARD, YardErrors())
+    layout = layout_of(boards, YardErrors())
     told = assess_plan(Layout(camera, EYE, layout.targets, 0.1))
     assert [target.found for target in told.prediction.targets] == [True, True, False]
     assert "not_in_view" in {finding.code for finding in told.findings}
     np.testing.assert_allclose(told.prediction.without(2), told.prediction.sigma)
 
 
-def turned(content: dict[str, Any]) -> None:
-    content["targets"]["T0"]["facing_deg"] = 0.0
-
-
-def far(content: dict[str, Any]) -> None:
-    content["targets"]["T0"]["center_m"] = [30.0, 0.0, 2.0]
-
-
-@pytest.mark.parametrize(("change", "code"), [(turned, "turned_away"), (far, "small_markers")])
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        (set_key("targets", "T0", "facing_deg", value=0.0), "turned_away"),
+        (set_key("targets", "T0", "center_m", value=[30.0, 0.0, 2.0]), "small_markers"),
+    ],
+)
 def test_targets_that_will_not_be_found_are_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], change: Callable[[dict[str, Any]], None], code: str
+    tmp_path: Path, calibrate: Calibrate, change: Change, code: str
 ) -> None:
-    plan(write(tmp_path, [FRONT, BACK, LEFT, RIGHT], change))
-    assert f"warning: {code}:" in capsys.readouterr().err
+    assert f"warning: {code}:" in calibrate("plan", write(tmp_path, [FRONT, BACK, LEFT, RIGHT], change)).err
 
 
 @pytest.mark.parametrize(
@@ -219,27 +188,13 @@ def test_targets_that_will_not_be_found_are_named(
         (lambda content: content.pop("forklift_from_camera"), "forklift_from_camera: is missing"),
     ],
 )
-def test_bad_layouts_are_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], change: Callable[[dict[str, Any]], None], message: str
-) -> None:
-    assert plan(write(tmp_path, [FRONT, BACK, LEFT], change)) == 1
-    told = capsys.readouterr().err
-    assert message in told
-    assert told.count("\n") == 1
+def test_bad_layouts_are_one_line(tmp_path: Path, calibrate: Calibrate, change: Change, message: str) -> None:
+    calibrate("plan", write(tmp_path, [FRONT, BACK, LEFT], change)).refuses(message)
 
 
-def test_millimetres_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    def change(content: dict[str, Any]) -> None:
-        one = content["targets"]["T0"]
-        del one["center_m"]
-        one["corners_m"] = {
-            "top_left": [3000, 100, 1700], "top_right": [3000, -100, 1700], "bottom_left": [3000, 100, 1500]
-        }  # fmt: skip
-
-    assert plan(write(tmp_path, [FRONT, BACK, LEFT], change)) == 1
-    assert "fail: units:" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("arguments", [["plan"], ["plan", "a", "b"]])
-def test_wrong_usage_of_the_plan_is_2(arguments: list[str]) -> None:
-    assert run(["calibrate", *arguments], COMMANDS) == 2
+def test_millimetres_are_told(tmp_path: Path, calibrate: Calibrate) -> None:
+    corners = ("top_left", [3000, 100, 1700]), ("top_right", [3000, -100, 1700]), ("bottom_left", [3000, 100, 1500])
+    tag = {"tag": TAG_SPEC | {"id": 0}, "corners_m": dict(corners), "sigma_m": 0.001}
+    ended = calibrate("plan", write(tmp_path, [FRONT, BACK, LEFT], set_key("targets", "T0", value=tag)))
+    assert ended.code == 1
+    assert "fail: units:" in ended.err

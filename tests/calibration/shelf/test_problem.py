@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -72,11 +74,8 @@ def test_errors_stay_within_what_the_covariance_says() -> None:
 def test_one_wrong_pallet_does_not_move_the_edges() -> None:
     right = observed(2)
     wrong = list(right.pallets)
-    bad = wrong[7]
-    wrong[7] = PalletObservation(
-        bad.shot, bad.model, LevelPose(bad.pose.x + 0.2, bad.pose.y, 0.0, bad.pose.yaw), bad.covariance
-    )
-    moved = solve(Observed(right.drive, CAMERA, tuple(wrong), right.pallet_of, right.edges), EDGES)
+    wrong[7] = replace(wrong[7], pose=replace(wrong[7].pose, x=wrong[7].pose.x + 0.2))
+    moved = solve(replace(right, pallets=tuple(wrong)), EDGES)
     assert np.abs(moved.edges - solve(right, EDGES).edges).max() < 0.004
 
 

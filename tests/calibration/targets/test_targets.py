@@ -1,10 +1,16 @@
+import re
+import zlib
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
 
+from calibration.targets.board_pdf import board_pdf
 from calibration.targets.targets import (
     CharucoBoard,
     SingleTag,
+    Target,
     TargetError,
     board_pattern,
     coverage,
@@ -12,6 +18,7 @@ from calibration.targets.targets import (
     marker_dictionary,
     patterns,
 )
+from tests.calibration.expecting import Calibrate, present
 
 SQUARE = 48  # pixels, so that a marker of 36 has whole modules
 
@@ -86,3 +93,54 @@ def test_a_target_that_cannot_be_is_refused(target: CharucoBoard | SingleTag, me
 def test_every_dictionary_that_is_named_can_be_made() -> None:
     for name in known_dictionaries():
         assert marker_dictionary(name).markerSize >= 4
+
+
+POINT = 0.0254 / 72
+BOARD = CharucoBoard(7, 5, 0.1, 0.075, "DICT_4X4_250", 17)
+
+
+def drawn(content: bytes) -> str:
+    """Return the page's drawing operators."""
+    streams = re.findall(rb"stream\r?\n(.*?)\r?\nendstream", content, re.DOTALL)
+    for stream in streams:
+        text = zlib.decompress(stream).decode("latin-1") if stream[:1] == b"x" else ""
+        if " re" in text or " l\n" in text:
+            return text
+    return ""
+
+
+def page_size(content: bytes) -> tuple[float, float]:
+    box = present(re.search(rb"/MediaBox \[ *0 0 ([\d.]+) ([\d.]+) *\]", content))
+    return float(box[1]) * POINT, float(box[2]) * POINT
+
+
+@pytest.mark.parametrize("target", [BOARD, SingleTag(0.15, "DICT_APRILTAG_36h11", 3)])
+def test_the_page_is_as_large_as_the_print_and_its_margin(target: Target) -> None:
+    width, height = page_size(board_pdf(target))
+    pattern = patterns(target)[0]
+    assert 0.02 < width - pattern.width < 0.06
+    assert 0.04 < height - pattern.height < 0.1
+
+
+def test_all_black_is_drawn_at_true_scale() -> None:
+    pattern = board_pattern(BOARD)
+    path = max(re.split(r"^f$", drawn(board_pdf(BOARD)), flags=re.MULTILINE), key=len)
+    corners = np.array(re.findall(r"^([\d.-]+) ([\d.-]+) [ml]$", path, re.MULTILINE), dtype=np.float64) * POINT
+    sides = np.ptp(corners, axis=0)
+    np.testing.assert_allclose(sides, [0.7, 0.5], atol=2e-5)
+    boxes = corners.reshape(-1, 4, 2) if len(corners) % 5 else corners.reshape(-1, 5, 2)
+    areas = np.ptp(boxes, axis=1).prod(axis=1)
+    expected = (pattern.black[:, 2:] - pattern.black[:, :2]).prod(axis=1)
+    np.testing.assert_allclose(np.sort(areas), np.sort(expected), rtol=1e-3)
+
+
+def test_the_same_board_gives_the_same_file() -> None:
+    assert board_pdf(BOARD) == board_pdf(BOARD)
+
+
+def test_the_command_writes_the_page_and_says_what_it_is(tmp_path: Path, calibrate: Calibrate) -> None:
+    path = tmp_path / "board.pdf"
+    ended = calibrate("board", "--out", path, "--columns", 6, "--first", 8)
+    assert ended.code == 0
+    assert path.read_bytes().startswith(b"%PDF")
+    assert "charuco: {columns: 6, rows: 5, square_m: 0.1, marker_m: 0.075" in ended.out

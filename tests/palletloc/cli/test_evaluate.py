@@ -10,15 +10,7 @@ import pytest
 from palletloc.evaluation.recording import ERROR_COLUMNS
 from palletloc.io.recording import read_recording
 from palletloc.io.truth import read_truth
-from tests.palletloc.cli.sample_runs import (
-    SAMPLE,
-    SIGMA,
-    estimates,
-    evaluate,
-    read_metrics,
-    with_tracks,
-    write_run,
-)
+from tests.palletloc.cli.sample_runs import SAMPLE, SIGMA, estimates, evaluate, read_metrics, with_tracks, write_run
 
 Refused = Callable[..., str]
 pytestmark = pytest.mark.usefixtures("undrawn")

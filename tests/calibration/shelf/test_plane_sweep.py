@@ -38,7 +38,7 @@ Swept = Callable[..., PlaneSweep]
 
 def recorded(
     folder: Path, camera: CameraModel, mounting: RigidTransform, poses: FloatArray, shelf: ShelfPlane,
-    pictures: Iterable[FloatArray],
+    pictures: Iterable[FloatArray | Image],
 ) -> Recording:  # fmt: skip
     """Write pictures, taken at poses in odom a second apart, and return their recording."""
     files = []

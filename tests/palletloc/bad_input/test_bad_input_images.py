@@ -1,5 +1,8 @@
 """Images that show nothing, too much or too little light, or the scene in another position than they should."""
 
+# Draws follow the source of a drawn test and its annotations as text: whoever changes these draws anew.
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -15,7 +18,7 @@ from palletloc.geometry import FloatArray, Image
 from tests.palletloc.bad_input.drawn import HEIGHTS, NAMES, Check, Faults, Scene, Scenes, few
 from tests.palletloc.poses import Makes, Pallets
 
-FEW = few(4)
+FEW, heights = few(4), HEIGHTS
 refined = pytest.mark.parametrize("method", [Method.REFINED], ids=str, indirect=True)
 
 names = st.sampled_from(NAMES)
@@ -107,21 +110,21 @@ def test_black_and_white_give_no_row_at_any_height(fill: int, empty: Check) -> N
     empty("pinhole", filled((fill, fill, fill)), known=False)
 
 
-@HEIGHTS
+@heights
 @FEW
 @given(name=names, grain=grains, blocks=st.booleans(), seed=seeds)
 def test_noise_gives_no_row(empty: Check, known: bool, name: str, grain: float, blocks: bool, seed: int) -> None:
     empty(name, lambda image: noise(image.shape, grain, blocks, seed), known)
 
 
-@HEIGHTS
+@heights
 @FEW
 @given(name=names, stops=stops)
 def test_no_light_gives_a_wrong_row(spoiled: Check, known: bool, name: str, stops: float) -> None:
     spoiled(name, lambda image: exposed(image, stops), known)
 
 
-@HEIGHTS
+@heights
 @FEW
 @given(name=names, fill=grays, begin=parts, share=st.floats(0.02, 0.9), upright=st.booleans())
 def test_no_lost_band_of_an_image_gives_a_wrong_row(

@@ -188,7 +188,10 @@ def intrinsics(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="With intrinsics.yaml, and shots or corners.")],
     out: Annotated[Path, typer.Option(metavar="YAML", help="File for the camera; reports go beside it.")],
     model: Annotated[
-        str, typer.Option(help="kannala_brandt, mei, double_sphere, eucm, pinhole or stitched_equirectangular.")
+        str,
+        typer.Option(
+            help="kannala_brandt, mei, double_sphere, eucm, [rational_]pinhole or stitched_equirectangular."
+        ),
     ] = "kannala_brandt",
 ) -> None:
     """Find the parameters of a lens, or of two, from shots of boards."""
@@ -222,6 +225,8 @@ def convert(
     done = convert_camera(source, to, out, camera, radians(max_angle_deg))
     console = Console()
     console.print(Text(f"{done.source} -> {done.target}"))
+    for note in done.notes:
+        typer.echo(f"palletloc: note: {note}", err=True)
     for name, left in zip(done.names, done.differences, strict=False):
         line = f"{name}: {left.rms:.3g} px rms, {left.largest:.3g} px at most"
         console.print(Text(f"{line}, up to {degrees(left.max_angle):.1f} degrees off axis"), soft_wrap=True)

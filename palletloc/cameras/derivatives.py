@@ -217,7 +217,7 @@ def _distorted(image: PlaneImage, terms: FloatArray) -> PlaneImage:
 def _radial(terms: FloatArray, squared: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the radial factor of Brown's distortion and its derivative, both by the squared radius."""
     k1, k2, _, _, *rest = terms
-    k3, k4, k5, k6 = (*rest, *(0.0,) * (4 - len(rest)))
+    k3, k4, k5, k6 = [*rest, 0.0, 0.0, 0.0, 0.0][:4]
     factor = 1 + squared * (k1 + squared * (k2 + squared * k3))
     slope = k1 + squared * (2 * k2 + 3 * squared * k3)
     if len(rest) > 1:

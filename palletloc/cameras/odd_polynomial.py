@@ -128,7 +128,12 @@ def _first_root(coefficients: tuple[float, ...], linear: float) -> float:
 
 
 def first_root(powers: FloatArray) -> float:
-    """Return the first positive root of a polynomial, (n,) with the lowest power first, which is 1; infinite without one.
+    """Return the first positive root of a polynomial; infinite without one.
+
+    Parameters
+    ----------
+    powers : (n,) array
+        Its coefficients, that of the lowest power first, which is 1.
 
     Examples
     --------

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 from numpy.polynomial import Polynomial
 
 from palletloc.cameras.odd_polynomial import OddPolynomial, first_root
 from palletloc.geometry import FloatArray
-
 
 _BEFORE_POLE = 1 - 1e-9
 """A part of the way to a pole, where the quotient is still finite: so far off axis no lens sees."""
@@ -49,7 +49,9 @@ class OddRational(OddPolynomial):
         x = Polynomial([0.0, 1.0])
         rise = above * below + x * (above.deriv() * below - above * below.deriv())
         conditions = (below, above - margin * x * below, rise - margin * x * below * below)
-        return min(first_root(condition.coef) for condition in conditions) * _BEFORE_POLE
+        return (
+            min(first_root(np.asarray(condition.coef, dtype=np.float64)) for condition in conditions) * _BEFORE_POLE
+        )
 
 
 def _in_x(coefficients: tuple[float, ...]) -> Polynomial:

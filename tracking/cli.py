@@ -201,7 +201,14 @@ def _table(run: TrackedRecording) -> Table:
     table = new_table(["", "model", "state"], ["hits", *POSE_HEADINGS], ["events"] if any(troubles.values()) else [])
     for number, row in sorted(last.items()):
         poses = pose_cells(row.pose, row.covariance)
-        cells: list[str | Text] = [str(number), Text(row.model), _state(run, row), str(row.hits), *poses, troubles[number]]
+        cells: list[str | Text] = [
+            str(number),
+            Text(row.model),
+            _state(run, row),
+            str(row.hits),
+            *poses,
+            troubles[number],
+        ]
         table.add_row(*cells[: len(table.columns)])
     return table
 

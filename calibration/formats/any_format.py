@@ -62,8 +62,8 @@ _COMMENTS = {
 """The same by the first line of tables."""
 _NONE = (
     "is no camera file; expected the keys camera (palletloc), cam0 (Kalibr), value0 (basalt), camera_matrix or K"
-    " (ROS, OpenCV), model_type (CamOdoCal), fl_x (nerfstudio), calibration (Metashape), Camera.fx (ORB-SLAM) or parameter"
-    " (fisheye-calib-adapter), or a table of COLMAP or OCamCalib"
+    " (ROS, OpenCV), model_type (CamOdoCal), fl_x (nerfstudio), calibration (Metashape), Camera.fx (ORB-SLAM) or"
+    " parameter (fisheye-calib-adapter), or a table of COLMAP or OCamCalib"
 )
 """What is said of other files."""
 _SECOND = ("Camera2.fx", "M2", "cameraMatrix2")

@@ -202,10 +202,9 @@ def _seen(lens: GeneralLens, spokes: int) -> tuple[FloatArray, FloatArray]:
     rays = np.stack(parts, axis=-1)
     pixels = lens.pixels(rays)
     out = np.linalg.norm(pixels - pixels[0, 0], axis=-1)
-    rises = np.ones(pixels.shape[:-1], dtype=np.bool_)
-    rises[1:] = np.logical_and.accumulate(np.diff(out, axis=0) > 0, axis=0)
+    rises = np.cumprod(np.diff(out, axis=0, prepend=-1.0) > 0, axis=0) > 0
     inside = (pixels >= -0.5).all(-1) & (pixels <= (lens.width - 0.5, lens.height - 0.5)).all(-1)
-    shown = np.asarray(np.logical_and(inside, rises.all(-1)[:, None]))
+    shown = inside & rises.all(-1, keepdims=True)
     return rays[shown] @ OPTICAL_FROM_CAMERA, pixels[shown]
 
 

@@ -96,7 +96,7 @@ SAMPLES = [
 ]
 
 
-@settings(max_examples=2 * settings.default.max_examples)
+@settings(max_examples=2 * settings().max_examples)
 @given(st.sampled_from(SAMPLES), st.lists(st.tuples(st.floats(0, 1), st.binary(max_size=3)), min_size=1, max_size=4))
 def test_damaged_files_are_refused_or_read(
     tmp_path_factory: pytest.TempPathFactory, sample: str, damage: list[tuple[float, bytes]]

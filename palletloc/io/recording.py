@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import logging
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,6 +25,7 @@ from palletloc.io.camera_spec import (
 from palletloc.io.csv_table import TableError, format_number, in_order_of_time, read_rows, write_rows
 from palletloc.io.images import read_image, write_image
 from palletloc.io.measurements import format_time
+from palletloc.io.odometry_check import OdometryColumns, check_odometry, check_times
 from palletloc.io.reading import InputError, read_bytes
 from palletloc.io.schema import MountingSpec, RecordingSpec, ShelfSpec
 from palletloc.io.truth import Truth, write_truth
@@ -42,6 +44,8 @@ SHOT_COLUMNS = ("time_s", "file")
 """Header of shots.csv."""
 _ODOMETRY_COLUMNS = ("time_s", "x_m", "y_m", "yaw_rad", "speed_mps", "yaw_rate_radps")
 """Header of odometry.csv."""
+_log = logging.getLogger("palletloc")
+"""What is strange about a file that can be used goes there; the command line prints it."""
 _MIN_SHELF_DISTANCE = 0.2
 """Closest that the camera may be to the shelf's front plane, in metres."""
 
@@ -203,14 +207,17 @@ def read_recording(folder: str | Path) -> Recording:
         camera = camera_from_spec(spec.camera)
     except ValueError as error:
         raise DocumentError(f"{path}: camera: {error}") from error
+    models, shots = _read_models(folder, spec.pallets), _read_shots(folder / SHOTS)
+    odometry = _read_odometry(folder / ODOMETRY)
+    check_times(folder / SHOTS, np.array([shot.time for shot in shots]))
     return Recording(
         folder,
         camera,
         transform_from_angles(mounting.translation_m, mounting.roll_pitch_yaw_deg),
         _shelf(spec.shelf),
-        _read_models(folder, spec.pallets),
-        _read_shots(folder / SHOTS),
-        _read_odometry(folder / ODOMETRY),
+        models,
+        shots,
+        odometry,
         mounting.translation_sigma_m,
         _scaled(mounting.rotation_sigma_deg, np.pi / 180),
     )
@@ -247,8 +254,10 @@ def _read_odometry(path: Path) -> Trajectory:
     numbers = np.fromiter(cells, dtype=np.float64)
     if not numbers.size:
         raise TableError(f"{path}: has no rows; expected at least one pose")
-    times, x, y, yaw, speed, yaw_rate = numbers.reshape(-1, len(_ODOMETRY_COLUMNS)).T
-    return Trajectory(times, x, y, yaw, speed=speed, yaw_rate=yaw_rate)
+    columns = OdometryColumns(*numbers.reshape(-1, len(_ODOMETRY_COLUMNS)).T)
+    for note in check_odometry(path, columns):
+        _log.warning(note)
+    return Trajectory(columns.time, columns.x, columns.y, columns.yaw, speed=columns.speed, yaw_rate=columns.yaw_rate)
 
 
 def check_shelf(recording: Recording) -> None:

@@ -14,6 +14,8 @@ from palletloc.drawing.outline import place_outline, project_line, sampled
 from palletloc.geometry import FloatArray, Image, LevelPose
 from palletloc.pallet import PalletModel
 
+MEASURED, STARTED, REFUSED = "#29e35b", "#ffd21f", "#ff4d7d"
+"""On photographs: what was measured, what it began with, and what was given up."""
 _SHIFT = 4
 """Binary digits of a pixel's fraction that OpenCV draws with."""
 _MARGIN = 0.3
@@ -22,6 +24,10 @@ _MAX_ASPECT, _MIN_ASPECT = 2.6, 1.5
 """Of the region of interest, width over height."""
 _LEAST_SHARE = 0.2
 """Least width of the region of interest, in parts of the image's."""
+_COARSE = 0.04
+"""Step along outlines in small pictures, in metres."""
+_SAMPLES = 2
+"""How many pixels of a shot a pixel of a small picture is the mean of, in each direction."""
 _HEADING = 0.6
 """Length of the line that shows where a pallet faces, in metres."""
 _BLACK = (20, 20, 20)
@@ -88,6 +94,50 @@ def _heading(pose: LevelPose) -> FloatArray:
 def _draw_curves(canvas: Image, curves: Sequence[FloatArray], color: Sequence[int], width: int) -> None:
     points = [np.rint(curve * 2**_SHIFT).astype(np.int32).reshape(-1, 1, 2) for curve in curves]
     cv2.polylines(canvas, points, False, color, width, cv2.LINE_AA, _SHIFT)
+
+
+def draw_thumbnail(
+    image: Image, camera: CameraModel, camera_from_forklift: RigidTransform, marks: Sequence[Mark], width: int
+) -> Image:
+    """Draw outlines into a small picture of the part of a shot around them.
+
+    The shot is made small before anything is drawn, so this costs little of the time that it takes to read one.
+
+    Parameters
+    ----------
+    image, camera, camera_from_forklift, marks
+        Those of `draw_overlay`; labels are not written.
+    width : int
+        Most width of the picture, in pixels.
+
+    Returns
+    -------
+    (height, width, 3) array
+        In blue-green-red order.
+    """
+    region = region_of_interest(camera, camera_from_forklift, marks)
+    scale = min(1.0, width / region.width)
+    size = (round(region.width * scale), max(1, round(region.height * scale)))
+    small = cut_out(image, region)
+    if scale < 1 / _SAMPLES:  # the mean over all pixels would take longer than finding the pallets' edges
+        small = _resized(small, (_SAMPLES * size[0], _SAMPLES * size[1]), cv2.INTER_NEAREST)
+    small = _resized(small, size, cv2.INTER_AREA)
+    canvas = np.asarray(cv2.cvtColor(small, cv2.COLOR_GRAY2BGR) if small.ndim == 2 else small, dtype=np.uint8)
+    turns = (0.0,) if camera.period_px is None else (-camera.period_px, 0.0, camera.period_px)
+    shifts = [np.array([turn - region.left, -region.top]) for turn in turns]
+    for mark in marks:
+        lines = place_outline(mark.model, mark.forklift_from_pallet, _COARSE)
+        seen = [curve for line in lines for curve in project_line(camera, camera_from_forklift, line)]
+        # the middle of the first pixel lies at 0 in both
+        placed = ((curve + shift + 0.5) * scale - 0.5 for curve in seen for shift in shifts)
+        curves = [curve for curve in placed if curve[:, 0].max() > 0 and curve[:, 0].min() < size[0]]
+        for color, thick in ((_BLACK, 3), (_bgr(mark.color), 1)):
+            _draw_curves(canvas, curves, color, thick)
+    return canvas
+
+
+def _resized(image: Image, size: tuple[int, int], interpolation: int) -> Image:
+    return np.asarray(cv2.resize(image, size, interpolation=interpolation), dtype=np.uint8)
 
 
 def _draw_label(
@@ -166,5 +216,9 @@ def _beside(columns: FloatArray, period: float) -> FloatArray:
 
 def cut_out(image: Image, region: Region) -> Image:
     """Return a part of an image, (height, width, ...); columns outside come from the other side."""
-    columns = np.arange(region.left, region.left + region.width) % image.shape[1]
-    return image[region.top : region.top + region.height][:, columns]
+    rows, period = image[region.top : region.top + region.height], image.shape[1]
+    left = region.left % period
+    over = left + region.width - period
+    if over <= 0:
+        return rows[:, left : left + region.width]
+    return np.concatenate([rows[:, left:], rows[:, :over]], axis=1)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import logging
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -44,8 +43,6 @@ SHOT_COLUMNS = ("time_s", "file")
 """Header of shots.csv."""
 _ODOMETRY_COLUMNS = ("time_s", "x_m", "y_m", "yaw_rad", "speed_mps", "yaw_rate_radps")
 """Header of odometry.csv."""
-_log = logging.getLogger("palletloc")
-"""What is strange about a file that can be used goes there; the command line prints it."""
 _MIN_SHELF_DISTANCE = 0.2
 """Closest that the camera may be to the shelf's front plane, in metres."""
 
@@ -86,6 +83,8 @@ class Recording:
     """Standard deviations of the mounting along the forklift's axes, in metres; None where unknown."""
     rotation_sigma: tuple[float, float, float] | None = None
     """Standard deviations of the mounting about the forklift's axes, in radians; None where unknown."""
+    notes: tuple[str, ...] = ()
+    """What was strange when the files were read, one line each."""
 
     @property
     def mounting(self) -> Mounting:
@@ -208,7 +207,7 @@ def read_recording(folder: str | Path) -> Recording:
     except ValueError as error:
         raise DocumentError(f"{path}: camera: {error}") from error
     models, shots = _read_models(folder, spec.pallets), _read_shots(folder / SHOTS)
-    odometry = _read_odometry(folder / ODOMETRY)
+    odometry, notes = _read_odometry(folder / ODOMETRY)
     check_times(folder / SHOTS, np.array([shot.time for shot in shots]))
     return Recording(
         folder,
@@ -220,6 +219,7 @@ def read_recording(folder: str | Path) -> Recording:
         odometry,
         mounting.translation_sigma_m,
         _scaled(mounting.rotation_sigma_deg, np.pi / 180),
+        notes,
     )
 
 
@@ -248,16 +248,15 @@ def _read_shots(path: Path) -> tuple[ShotFile, ...]:
     return shots
 
 
-def _read_odometry(path: Path) -> Trajectory:
+def _read_odometry(path: Path) -> tuple[Trajectory, tuple[str, ...]]:
     rows = in_order_of_time(read_rows(path, _ODOMETRY_COLUMNS))
     cells = (row.number(column) for row in rows for column in _ODOMETRY_COLUMNS)
     numbers = np.fromiter(cells, dtype=np.float64)
     if not numbers.size:
         raise TableError(f"{path}: has no rows; expected at least one pose")
-    columns = OdometryColumns(*numbers.reshape(-1, len(_ODOMETRY_COLUMNS)).T)
-    for note in check_odometry(path, columns):
-        _log.warning(note)
-    return Trajectory(columns.time, columns.x, columns.y, columns.yaw, speed=columns.speed, yaw_rate=columns.yaw_rate)
+    times, x, y, yaw, speed, yaw_rate = numbers.reshape(-1, len(_ODOMETRY_COLUMNS)).T
+    notes = check_odometry(path, OdometryColumns(times, x, y, yaw, speed, yaw_rate))
+    return Trajectory(times, x, y, yaw, speed=speed, yaw_rate=yaw_rate), notes
 
 
 def check_shelf(recording: Recording) -> None:

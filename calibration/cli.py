@@ -221,7 +221,7 @@ def intrinsics(
         str,
         typer.Option(
             rich_help_panel=MEASURING,
-            help="kannala_brandt, mei, double_sphere, eucm, pinhole or stitched_equirectangular.",
+            help="kannala_brandt, mei, double_sphere, eucm, pinhole, rational_pinhole, stitched_equirectangular.",
         ),
     ] = "kannala_brandt",
 ) -> Shown:
@@ -261,7 +261,7 @@ def convert(
     from calibration.formats.convert import convert_camera
 
     done = convert_camera(source, to, out, camera, radians(max_angle_deg))
-    parts, remarks, differences = [f"{done.source} -> {done.target}"], [], []
+    parts, remarks, differences = [f"{done.source} -> {done.target}"], [f"note: {note}" for note in done.notes], []
     for name, left in zip(done.names, done.differences, strict=False):
         line = f"{name}: {left.rms:.3g} px rms, {left.largest:.3g} px at most"
         parts.append(f"{line}, up to {degrees(left.max_angle):.1f} degrees off axis")
@@ -269,7 +269,13 @@ def convert(
         differences.append({"name": name, **values, "lost": left.unseen})
         if left.unseen > 0:
             remarks.append(f"warning: {name}: {left.unseen:.1%} of its field is lost")
-    document = {"source": done.source, "target": done.target, "cameras": differences, "written": [out]}
+    document = {
+        "source": done.source,
+        "target": done.target,
+        "cameras": differences,
+        "notes": list(done.notes),
+        "written": [out],
+    }
     return Shown(document, (*parts, f"written: {out}"), tuple(remarks))
 
 

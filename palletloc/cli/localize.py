@@ -113,7 +113,8 @@ def _overview(output: RunFolder, job: Job, options: Sequence[str]) -> None:
     from palletloc.report.overview_page import RunOverview, write_overview
 
     rows, refusals = read_measurements(output.folder / MEASUREMENTS), read_refusals(output.folder / REFUSALS)
-    overview = RunOverview(job.recording, job.shots, rows, refusals, output.skipped, tuple(options))
+    left = frozenset(number for number, _ in output.remaining()).difference(output.skipped)
+    overview = RunOverview(job.recording, job.shots, rows, refusals, output.skipped, left, tuple(options))
     write_overview(output.folder, overview)
 
 

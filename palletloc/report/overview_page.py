@@ -48,6 +48,8 @@ class RunOverview:
     """Those of refusals.csv."""
     skipped: dict[int, str]
     """Why shots could not be used, by their number."""
+    left: frozenset[int] = frozenset()
+    """Numbers of the shots that an interrupted run did not come to."""
     options: tuple[str, ...] = ()
     """Of the command, for those that explain a shot."""
 
@@ -110,11 +112,13 @@ def _parts(folder: Path, overview: RunOverview, drawn: set[str]) -> Iterator[str
     yield html.key_figures(
         [
             (str(len(found)), "poses of pallets"),
-            (str(len(overview.shots) - len(overview.skipped)), "shots"),
+            (str(len(overview.shots) - len(overview.skipped) - len(overview.left)), "shots"),
             (str(len(overview.skipped)), "shots that could not be used"),
             (str(len(overview.refusals)), "places that were given up"),
         ]
     )
+    if overview.left:
+        yield html.paragraph(f"The run was interrupted: {len(overview.left)} shots are left to do.")
     yield from _plan(overview, found)
     yield from _reasons(overview.refusals)
     yield html.heading("Shots")
@@ -167,6 +171,8 @@ def _shots(folder: Path, overview: RunOverview, drawn: set[str]) -> Iterator[htm
         number = numbers[shot]
         pallets = "1 pallet" if found[shot.time] == 1 else f"{found[shot.time]} pallets"
         told = [pallets, *(f"{count} {reason}" for reason, count in refused[shot.time].most_common(3))]
+        if place in overview.left:
+            continue
         text = overview.skipped.get(place) or ", ".join(told)
         name = _name(place)
         yield html.Tile(

@@ -126,7 +126,7 @@ def sound() -> dict[str, OdometryColumns]:
         "standing, noisy": noisy(still, 0.01),
         "wheels that slip": replace(given, speed=given.speed * slips),
         "wheels that are worn": changed(given, speed=1.03),
-        "a gyroscope's bias": replace(given, yaw_rate=given.yaw_rate + 0.01),
+        "a gyroscope's bias": replace(given, yaw_rate=0.01 + np.asarray(given.yaw_rate)),
         "backwards": backwards,
         "another frame": replace(given, x=turn.real + 40, y=turn.imag - 7, yaw=given.yaw + 2.2),
         "a point off the axle": replace(given, x=given.x + lever.real, y=given.y + lever.imag),

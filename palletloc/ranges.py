@@ -73,8 +73,8 @@ RANGES = (
     Range("yaw_rate_radps", -1e4, 1e4, "radians per second", "far beyond a vehicle"),
     Range("cov_*", -1e6, 1e6, "square metres and radians", "a kilometre squared"),
     Range("score", 0, 1, "a rank", "from none to certain"),
-    Range("track", 1, 1e9, "a number of a track", "counted from 1 on"),
-    Range("hits", 1, 1e9, "a count of measurements", "counted from 1 on"),
+    Range("track", -1e9, 1e9, "a number of a track", "counted one by one"),
+    Range("hits", -1e9, 1e9, "a count of measurements", "taken one by one"),
     Range("*", -1e15, 1e15, "a number", "all digits of which are kept"),
 )
 """Least and greatest value of each number that is read, by its key or column; the first pattern that fits holds."""

@@ -62,6 +62,7 @@ def track(
     """
     from palletloc.config import LocalizerConfig
     from palletloc.io.config_file import read_config
+    from palletloc.io.folder_lock import locked
     from palletloc.io.recording import read_recording
     from palletloc.recording_run import read_job
     from tracking.config import TrackerConfig, read_tracker_config
@@ -74,15 +75,18 @@ def track(
         given = read_recording(recording)
         say_all(given.notes)
         truth = _truth_of(given)
-        inputs = Inputs(given, read_measured(measurements, given))
+        inputs: Inputs | None = Inputs(given, read_measured(measurements, given))
     else:
         job = read_job(recording, method, parameters)
         say_all(job.recording.notes)
         truth = _truth_of(job.recording)
-        inputs = _localized(job, out, (strict, resume, verbose), config)
-    run = _tracked(inputs, tracker, smooth=smooth)
-    check_used(run)
-    write_run(out, run, _picture(run, truth))
+        inputs = None
+    with locked(out):
+        if inputs is None:
+            inputs = _localized(job, out, (strict, resume, verbose), config)
+        run = _tracked(inputs, tracker, smooth=smooth)
+        check_used(run)
+        write_run(out, run, _picture(run, truth))
     return Shown(_document(inputs, run, out), (_table(run), _tally(inputs, run), f"results: {out}"))
 
 

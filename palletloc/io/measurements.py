@@ -107,10 +107,11 @@ def read_measurements(path: str | Path) -> tuple[PalletMeasurement | NoPose, ...
     InputError
         If the file cannot be read or a row is wrong; names the line.
     """
-    return tuple(_measurement(row) for row in read_rows(Path(path), MEASUREMENT_COLUMNS))
+    return tuple(parse_measurement(row) for row in read_rows(Path(path), MEASUREMENT_COLUMNS))
 
 
-def _measurement(row: Row) -> PalletMeasurement | NoPose:
+def parse_measurement(row: Row) -> PalletMeasurement | NoPose:
+    """Return what a row of measurements.csv says; errors as for `Row.number`."""
     time, model, file = row.number("time_s"), row.text("model"), row.cells["file"]
     if row.is_empty(_RESULT_COLUMNS):
         return NoPose(time, model, file)
@@ -143,8 +144,8 @@ def read_covariance(row: Row) -> FloatArray:
 
 def read_pose(row: Row) -> LevelPose:
     """Return the level pose of a row that has `POSE_COLUMNS`; errors as for `Row.number`."""
-    *place, heading = POSE_COLUMNS
-    return LevelPose(*row.numbers(place), row.number(heading, "pallet_yaw_rad"))
+    x, y, z = row.numbers(POSE_COLUMNS[:3])
+    return LevelPose(x, y, z, row.number(POSE_COLUMNS[3], "pallet_yaw_rad"))
 
 
 def write_refusals(path: Path, refusals: Iterable[RefusedCandidate]) -> None:
@@ -154,13 +155,15 @@ def write_refusals(path: Path, refusals: Iterable[RefusedCandidate]) -> None:
 
 def read_refusals(path: str | Path) -> tuple[RefusedCandidate, ...]:
     """Read refusals.csv; errors as for `read_measurements`."""
-    return tuple(
-        RefusedCandidate(
-            row.number("time_s"),
-            row.text("model"),
-            row.choice("stage", Stage),
-            row.choice("reason", Reason),
-            row.cells["file"],
-        )
-        for row in read_rows(Path(path), REFUSAL_COLUMNS)
+    return tuple(parse_refusal(row) for row in read_rows(Path(path), REFUSAL_COLUMNS))
+
+
+def parse_refusal(row: Row) -> RefusedCandidate:
+    """Return what a row of refusals.csv says; errors as for `Row.number`."""
+    return RefusedCandidate(
+        row.number("time_s"),
+        row.text("model"),
+        row.choice("stage", Stage),
+        row.choice("reason", Reason),
+        row.cells["file"],
     )

@@ -178,6 +178,11 @@ def spec_from_camera(camera: CameraModel) -> CameraSpec:
     raise ValueError(f"a camera of the kind {type(camera).__name__} has no form in files")
 
 
+def is_panorama(camera: CameraModel) -> bool:
+    """Return whether a camera's images are stitched to a whole equirectangular panorama."""
+    return isinstance(camera, Equirectangular | StitchedEquirectangular)
+
+
 def _transform(lens: LensSpec | StitchedLensSpec) -> RigidTransform:
     return transform_from_angles(lens.translation_m, lens.roll_pitch_yaw_deg)
 

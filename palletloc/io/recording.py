@@ -18,6 +18,7 @@ from palletloc.io.camera_spec import (
     angles_from_transform,
     camera_from_spec,
     degrees,
+    is_panorama,
     spec_from_camera,
     transform_from_angles,
 )
@@ -113,7 +114,8 @@ class Recording:
         ImageError
             If the file is missing, damaged, too large, or not of the camera's size.
         """
-        return read_image(self.folder / shot.file, (self.camera.width, self.camera.height), gray=gray)
+        size = (self.camera.width, self.camera.height)
+        return read_image(self.folder / shot.file, size, gray=gray, panorama=is_panorama(self.camera))
 
     def __iter__(self) -> Iterator[Shot]:
         """Yield the shots in order of time, each with its image.

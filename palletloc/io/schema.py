@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, model_validator
+from pydantic_core import PydanticCustomError
 
 from palletloc.io.images import MAX_SIDE_PX
 from palletloc.io.yaml_document import Document, Numbers
@@ -25,6 +26,11 @@ _FourNumbers = Annotated[tuple[float, float, float, float], BeforeValidator(Numb
 """Four finite numbers."""
 _FiveNumbers = Annotated[tuple[float, float, float, float, float], BeforeValidator(Numbers(5))]
 """Five finite numbers."""
+_PART_OF_PANORAMA = (
+    "expected a width of twice the height, got {width} x {height} px: an equirectangular image is 360 x 180 degrees;"
+    " a cropped one has to be padded, here to {whole} px if it goes all around"
+)
+"""What is said of a camera whose images cannot be whole panoramas."""
 Pixels = Annotated[int, Field(strict=True, gt=0, le=MAX_SIDE_PX)]
 """Width or height of an image."""
 
@@ -45,7 +51,18 @@ class _LensKeys(Document):
     """In the whole image, as the camera writes it."""
 
 
-class EquirectangularSpec(_CameraKeys):
+class _PanoramaKeys(_CameraKeys):
+    """A whole panorama, which is twice as wide as high: 360 degrees around, 180 from top to bottom."""
+
+    @model_validator(mode="after")
+    def _show_all(self) -> Self:
+        if abs(self.width - 2 * self.height) > 2:  # encoders round sizes to even numbers
+            shown = {"width": self.width, "height": self.height, "whole": f"{self.width} x {self.width // 2}"}
+            raise PydanticCustomError("panorama", _PART_OF_PANORAMA, shown)
+        return self
+
+
+class EquirectangularSpec(_PanoramaKeys):
     """A stitched 360-degree image."""
 
     model: Literal["equirectangular"]
@@ -126,7 +143,7 @@ class StitchedLensSpec(Document):
     """k1, k2: what was at theta off its axis was stitched at theta (1 + k1 theta^2 + k2 theta^4)."""
 
 
-class StitchedSpec(_CameraKeys):
+class StitchedSpec(_PanoramaKeys):
     """A stitched 360-degree image with the lenses behind it."""
 
     model: Literal["stitched_equirectangular"]

@@ -68,6 +68,8 @@ def track(
     if measurements is not None:
         _refuse_others(context)
         given = read_recording(recording)
+        for note in given.notes:
+            console.print(Text(f"palletloc: {note}"), soft_wrap=True)
         truth = _truth_of(given)
         inputs = Inputs(given, read_measured(measurements, given))
     else:
@@ -138,7 +140,7 @@ def _truth_of(recording: Recording) -> Truth | None:
     """Return the truth for the picture, where it has a path; its faults are found before the work begins."""
     from palletloc.io.truth import path_file, read_truth
 
-    return read_truth(recording.folder) if path_file(recording.folder) else None
+    return read_truth(recording.folder, recording.truth_form) if path_file(recording.folder) else None
 
 
 def _localized(

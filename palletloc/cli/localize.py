@@ -82,6 +82,8 @@ def fill(
     PalletLocError
         As `palletloc.recording_run.work_through`.
     """
+    for note in job.recording.notes:
+        _say(console, note)
     try:
         with output:
             tally.done_before = output.done

@@ -201,8 +201,12 @@ def transform_from_angles(translation_m: Triple, roll_pitch_yaw_deg: Triple) -> 
     >>> camera_up.apply([1.0, 0.0, 0.0]).round(6)
     array([0. , 0. , 2.8])
     """
-    rotation = Rotation.from_euler("ZYX", roll_pitch_yaw_deg[::-1], degrees=True)
-    return RigidTransform.from_components(translation_m, rotation)
+    return RigidTransform.from_components(translation_m, rotation_from_angles(roll_pitch_yaw_deg))
+
+
+def rotation_from_angles(roll_pitch_yaw_deg: Triple) -> Rotation:
+    """Return R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    return Rotation.from_euler("ZYX", roll_pitch_yaw_deg[::-1], degrees=True)
 
 
 def angles_from_transform(transform: RigidTransform) -> tuple[Triple, Triple]:

@@ -16,6 +16,10 @@ from palletloc.io.atomic import cannot_write, written_beside
 from palletloc.io.reading import InputError, read_text
 
 _Choice = TypeVar("_Choice", bound=StrEnum)
+LATEST_TIME = 1e11
+"""Largest time in seconds, of either sign: the year 5138 by a clock that counts from 1970."""
+_FINER_UNITS = ((1e17, "nanoseconds", "1e9"), (1e14, "microseconds", "1e6"), (LATEST_TIME, "milliseconds", "1e3"))
+"""Which unit a time from 1970 has that is larger than this, and how many of it make a second."""
 
 
 class TableError(InputError):
@@ -49,6 +53,13 @@ class Row:
             raise self.fault(f"{column}: expected a finite number, got {shortened(cell)}")
         return value
 
+    def time(self, column: str = "time_s") -> float:
+        """Return a time in seconds."""
+        value = self.number(column)
+        if (fault := time_fault(value)) is not None:
+            raise self.fault(f"{column}: {fault}")
+        return value
+
     def numbers(self, columns: Iterable[str]) -> list[float]:
         """Return several finite numbers."""
         return [self.number(column) for column in columns]
@@ -73,13 +84,21 @@ class Row:
         return not any(self.cells[column] for column in columns)
 
 
+def time_fault(time: float) -> str | None:
+    """Return what is wrong with a time that cannot be one in seconds, and which unit it has; None where it can."""
+    for least, unit, count in _FINER_UNITS:
+        if abs(time) > least:
+            return f"expected seconds, got {time:.12g}: {unit}? divide the times by {count}"
+    return None
+
+
 def shortened(value: object) -> str:
     """Return a value as an error shows it: on one line, and not longer than is helpful."""
     shown = repr(value)
     return shown if len(shown) <= 60 else f"{shown[:56]} ..."
 
 
-def read_rows(path: Path, columns: Sequence[str]) -> Iterator[Row]:
+def read_rows(path: Path, columns: Sequence[str], optional: Sequence[str] = ()) -> Iterator[Row]:
     """Read a csv file with a header, row by row.
 
     A byte-order mark, any line ending, any order of the columns, blanks around cells and empty
@@ -91,6 +110,8 @@ def read_rows(path: Path, columns: Sequence[str]) -> Iterator[Row]:
         The file.
     columns : sequence of str
         The columns that it must have, all of them and no others.
+    optional : sequence of str
+        Others that it may have.
 
     Yields
     ------
@@ -106,7 +127,7 @@ def read_rows(path: Path, columns: Sequence[str]) -> Iterator[Row]:
     """
     lines = _split(path)
     _, header = next(lines, (1, []))
-    _check_header(path, header, columns)
+    _check_header(path, header, columns, optional)
     empty_line = 0
     for line, cells in lines:
         if not any(cells):
@@ -134,15 +155,16 @@ def _split(path: Path) -> Iterator[tuple[int, list[str]]]:
         line = reader.line_num + 1
 
 
-def _check_header(path: Path, header: Sequence[str], columns: Sequence[str]) -> None:
+def _check_header(path: Path, header: Sequence[str], columns: Sequence[str], optional: Sequence[str]) -> None:
     where, expected = f"{path}, line 1", f"expected {','.join(columns)}"
     if not any(header):
         raise TableError(f"{where}: no header; {expected}")
     if len(header) == 1 and len(columns) > 1 and any(mark in header[0] for mark in ";\t"):
         raise TableError(f"{where}: the cells are not separated by commas; {expected}")
     for position, column in enumerate(header):
-        if column not in columns:
-            raise TableError(f"{where}: unknown column {shortened(column)}{nearest_name(column, columns)}")
+        if column not in columns and column not in optional:
+            hint = nearest_name(column, [name for name in (*columns, *optional) if name])
+            raise TableError(f"{where}: unknown column {shortened(column)}{hint}")
         if column in header[:position]:
             raise TableError(f"{where}: column '{column}' stands there twice")
     for column in columns:
@@ -150,8 +172,8 @@ def _check_header(path: Path, header: Sequence[str], columns: Sequence[str]) -> 
             raise TableError(f"{where}: column '{column}' is missing; {expected}")
 
 
-def in_order_of_time(rows: Iterable[Row], column: str = "time_s") -> Iterator[Row]:
-    """Pass rows on as long as their times strictly increase.
+def in_order_of_time(rows: Iterable[Row], column: str = "time_s", notes: list[str] | None = None) -> Iterator[Row]:
+    """Pass rows on as long as their times strictly increase; a row that is the one before again is dropped.
 
     Parameters
     ----------
@@ -159,16 +181,22 @@ def in_order_of_time(rows: Iterable[Row], column: str = "time_s") -> Iterator[Ro
         The rows in the file's order.
     column : str
         The column of the times.
+    notes : list of str, optional
+        Takes a line for each row that is dropped.
 
     Raises
     ------
     TableError
-        If a row's time repeats or precedes that of the row before; names both lines.
+        If a row's time precedes that of the row before, or repeats it with other values; names both lines.
     """
     previous: Row | None = None
     for row in rows:
-        time = row.number(column)
+        time = row.time(column)
         if previous is not None and time <= previous.number(column):
+            if row.cells == previous.cells:
+                if notes is not None:
+                    notes.append(f"{row.path}, line {row.line}: is line {previous.line} again; dropped")
+                continue
             how = "repeats" if time == previous.number(column) else "is earlier than"
             raise row.fault(
                 f"{column}: {row.cells[column]} {how} {previous.cells[column]} of line {previous.line};"

@@ -111,7 +111,7 @@ def read_measurements(path: str | Path) -> tuple[PalletMeasurement | NoPose, ...
 
 
 def _measurement(row: Row) -> PalletMeasurement | NoPose:
-    time, model, file = row.number("time_s"), row.text("model"), row.cells["file"]
+    time, model, file = row.time(), row.text("model"), row.cells["file"]
     if row.is_empty(_RESULT_COLUMNS):
         return NoPose(time, model, file)
     return PalletMeasurement(
@@ -155,7 +155,7 @@ def read_refusals(path: str | Path) -> tuple[RefusedCandidate, ...]:
     """Read refusals.csv; errors as for `read_measurements`."""
     return tuple(
         RefusedCandidate(
-            row.number("time_s"),
+            row.time(),
             row.text("model"),
             row.choice("stage", Stage),
             row.choice("reason", Reason),

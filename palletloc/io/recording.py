@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -25,8 +25,10 @@ from palletloc.io.camera_spec import (
 from palletloc.io.csv_table import TableError, format_number, in_order_of_time, read_rows, write_rows
 from palletloc.io.images import read_image, write_image
 from palletloc.io.measurements import format_time
+from palletloc.io.path_file import read_path, with_rates
+from palletloc.io.path_frame import PathForm, path_form
 from palletloc.io.reading import InputError, read_bytes
-from palletloc.io.schema import MountingSpec, RecordingSpec, ShelfSpec
+from palletloc.io.schema import MountingSpec, OdometrySpec, RecordingSpec, ShelfSpec
 from palletloc.io.truth import Truth, write_truth
 from palletloc.io.yaml_document import DocumentError, read_document, write_document
 from palletloc.mounting import Mounting
@@ -43,6 +45,8 @@ SHOT_COLUMNS = ("time_s", "file")
 """Header of shots.csv."""
 _ODOMETRY_COLUMNS = ("time_s", "x_m", "y_m", "yaw_rad", "speed_mps", "yaw_rate_radps")
 """Header of odometry.csv."""
+_RATES = _ODOMETRY_COLUMNS[4:]
+"""Those that may be missing: they are taken from the poses then."""
 _MIN_SHELF_DISTANCE = 0.2
 """Closest that the camera may be to the shelf's front plane, in metres."""
 
@@ -83,6 +87,12 @@ class Recording:
     """Standard deviations of the mounting along the forklift's axes, in metres; None where unknown."""
     rotation_sigma: tuple[float, float, float] | None = None
     """Standard deviations of the mounting about the forklift's axes, in radians; None where unknown."""
+    odometry_file: str = ODOMETRY
+    """File of the odometry, relative to the folder."""
+    truth_form: PathForm = field(default_factory=PathForm)
+    """What the file of the forklift's true path cannot say itself."""
+    notes: tuple[str, ...] = ()
+    """What was dropped or assumed when the files were read, one line each."""
 
     @property
     def mounting(self) -> Mounting:
@@ -165,14 +175,14 @@ class Recording:
         try:
             odom_from_forklift = self.odometry.pose_at(time)
         except TrajectoryError as error:
-            raise ShotError(f"{self.folder / ODOMETRY}: {error}") from error
+            raise ShotError(f"{self.folder / self.odometry_file}: {error}") from error
         start, _ = self.odometry.span
         return self.shelf.seen_from(odom_from_forklift, (prior or PriorConfig()).drift_after(time - start))
 
     def digest(self) -> str:
         """Return a short text that changes when the files do (images aside) or the pallet models."""
         digest = hashlib.sha256(repr(self.models).encode())
-        for name in (RECORDING, SHOTS, ODOMETRY):
+        for name in (RECORDING, SHOTS, self.odometry_file):
             digest.update(hashlib.sha256(read_bytes(self.folder / name)).digest())
         return digest.hexdigest()[:16]
 
@@ -205,16 +215,23 @@ def read_recording(folder: str | Path) -> Recording:
         camera = camera_from_spec(spec.camera)
     except ValueError as error:
         raise DocumentError(f"{path}: camera: {error}") from error
+    notes: list[str] = []
+    shots = _read_shots(folder / SHOTS, notes)
+    where = spec.odometry or OdometrySpec()
+    odometry = read_path(folder / where.file, _ODOMETRY_COLUMNS, _RATES, path_form(folder, where))
     return Recording(
         folder,
         camera,
         transform_from_angles(mounting.translation_m, mounting.roll_pitch_yaw_deg),
         _shelf(spec.shelf),
         _read_models(folder, spec.pallets),
-        _read_shots(folder / SHOTS),
-        _read_odometry(folder / ODOMETRY),
+        shots,
+        replace(with_rates(odometry.trajectory), z=None),
         mounting.translation_sigma_m,
         _scaled(mounting.rotation_sigma_deg, np.pi / 180),
+        where.file,
+        path_form(folder, spec.truth),
+        (*notes, *odometry.notes),
     )
 
 
@@ -235,22 +252,12 @@ def _read_models(folder: Path, names: tuple[str, ...]) -> tuple[PalletModel, ...
         raise DocumentError(f"{folder / RECORDING}: pallets: {error}") from error
 
 
-def _read_shots(path: Path) -> tuple[ShotFile, ...]:
-    rows = in_order_of_time(read_rows(path, SHOT_COLUMNS))
+def _read_shots(path: Path, notes: list[str]) -> tuple[ShotFile, ...]:
+    rows = in_order_of_time(read_rows(path, SHOT_COLUMNS), notes=notes)
     shots = tuple(ShotFile(row.number("time_s"), row.text("file")) for row in rows)
     if not shots:
         raise TableError(f"{path}: has no rows; expected at least one shot")
     return shots
-
-
-def _read_odometry(path: Path) -> Trajectory:
-    rows = in_order_of_time(read_rows(path, _ODOMETRY_COLUMNS))
-    cells = (row.number(column) for row in rows for column in _ODOMETRY_COLUMNS)
-    numbers = np.fromiter(cells, dtype=np.float64)
-    if not numbers.size:
-        raise TableError(f"{path}: has no rows; expected at least one pose")
-    times, x, y, yaw, speed, yaw_rate = numbers.reshape(-1, len(_ODOMETRY_COLUMNS)).T
-    return Trajectory(times, x, y, yaw, speed=speed, yaw_rate=yaw_rate)
 
 
 def check_shelf(recording: Recording) -> None:

@@ -186,6 +186,23 @@ class ShelfSpec(Document):
     """Heights that loads stand on."""
 
 
+class PathSpec(Document):
+    """What a file of poses cannot say itself."""
+
+    frame: Literal["body", "optical"] | None = None
+    """Whose poses they are: of a body with z up, or of a camera with z forward."""
+    rotation_deg: Triple | None = None
+    """Roll, pitch and yaw of that body in the forklift frame."""
+    times: str | None = None
+    """File with the times of poses in KITTI form, one a line, in seconds."""
+
+
+class OdometrySpec(PathSpec):
+    """Where the odometry is, and what it cannot say itself."""
+
+    file: str = "odometry.csv"
+
+
 class RecordingSpec(Document):
     """The file recording.yaml."""
 
@@ -195,3 +212,7 @@ class RecordingSpec(Document):
     shelf: ShelfSpec
     pallets: Annotated[tuple[str, ...], Field(min_length=1)]
     """Names of pallet models."""
+    odometry: OdometrySpec | None = None
+    """Where it is not in odometry.csv, or not of the forklift's own frame."""
+    truth: PathSpec | None = None
+    """Of the file of the forklift's path, truth/forklift.csv or forklift.tum."""

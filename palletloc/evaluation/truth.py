@@ -87,7 +87,8 @@ def read_recording_truth(folder: str | Path) -> RecordingTruth:
     place = folder / "truth"
     surveyed = read_surveyed_truth(folder) if (place / _SURVEY).exists() else None
     if surveyed is not None and path_file(folder) is None:
-        pallets, path, notes = read_pallets(place / "pallets.csv"), None, ()
+        pallets, path = read_pallets(place / "pallets.csv"), None
+        notes: tuple[str, ...] = ()
     else:
         truth = read_truth(folder, recording.truth_form)
         pallets, path, notes = truth.pallets, truth.forklift, truth.notes

@@ -27,10 +27,12 @@ _FourNumbers = Annotated[tuple[float, float, float, float], BeforeValidator(Numb
 _FiveNumbers = Annotated[tuple[float, float, float, float, float], BeforeValidator(Numbers(5))]
 """Five finite numbers."""
 _PART_OF_PANORAMA = (
-    "expected a width of twice the height, got {width} x {height} px: an equirectangular image is 360 x 180 degrees;"
-    " a cropped one has to be padded, here to {whole} px if it goes all around"
+    "an equirectangular image is 360 x 180 degrees, twice as wide as high, but the camera is {width} x {height} px;"
+    " expected images of all of it: a cropped one has to be padded, here to {whole} px if it goes all around"
 )
 """What is said of a camera whose images cannot be whole panoramas."""
+_EightNumbers = Annotated[tuple[float, float, float, float, float, float, float, float], BeforeValidator(Numbers(8))]
+"""Eight finite numbers."""
 Pixels = Annotated[int, Field(strict=True, gt=0, le=MAX_SIDE_PX)]
 """Width or height of an image."""
 
@@ -74,6 +76,14 @@ class PinholeSpec(_LensKeys, _CameraKeys):
     model: Literal["pinhole"]
     distortion: _FiveNumbers
     """k1, k2, p1, p2, k3, as OpenCV orders them."""
+
+
+class RationalPinholeSpec(_LensKeys, _CameraKeys):
+    """A pinhole camera with the rational distortion of OpenCV."""
+
+    model: Literal["rational_pinhole"]
+    distortion: _EightNumbers
+    """k1, k2, p1, p2, k3, k4, k5, k6, as OpenCV orders them."""
 
 
 class KannalaBrandtSpec(_LensKeys, _CameraKeys):
@@ -157,6 +167,7 @@ CameraSpec = Annotated[
     | DoubleSphereSpec
     | EucmSpec
     | PinholeSpec
+    | RationalPinholeSpec
     | DualFisheyeSpec
     | StitchedSpec,
     Field(discriminator="model"),

@@ -74,8 +74,10 @@ def track(*options: str, out: str = "out") -> int:
 
 
 def contents(folder: str = "out") -> dict[str, bytes]:
+    """Return all files of a run but its overview, which names the folder."""
     top = Path(folder)
-    return {str(each.relative_to(top)): each.read_bytes() for each in sorted(top.rglob("*")) if each.is_file()}
+    files = {str(each.relative_to(top)): each.read_bytes() for each in sorted(top.rglob("*")) if each.is_file()}
+    return {name: content for name, content in files.items() if not name.startswith("overview")}
 
 
 @pytest.fixture

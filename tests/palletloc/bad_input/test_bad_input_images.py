@@ -176,7 +176,9 @@ FLIPS = {"mirrored": (1, -1), "upside_down": (-1, 1), "half_turn": (-1, -1)}
 MAX_START_TURN = 20.0
 """How far a start's yaw may be off, in degrees: pallets turned by less together with all else cannot be told."""
 
-tilts = st.floats(10.0, 350.0)
+LEAST_TURN = 12.0
+"""From how many degrees on a turn about the lens shows in every face: by less, all is turned together."""
+tilts = st.floats(LEAST_TURN, 360.0 - LEAST_TURN)
 turns = st.floats(2 * MAX_START_TURN, 360.0 - 2 * MAX_START_TURN)
 lenses = st.sampled_from(["fisheye", "pinhole"])
 
@@ -258,6 +260,12 @@ def test_at_any_height_a_flipped_image_gives_only_rows_that_are_right_in_it(
 @given(name=lenses, turn_deg=tilts)
 def test_no_turn_about_the_lens_gives_a_wrong_row(spoiled: Check, name: str, turn_deg: float, known: bool) -> None:
     spoiled(name, lambda image: rotated(image, turn_deg), known)
+
+
+@refined
+@known_to_be_wrong("at any height a face turned by ten degrees fits one that is nearer and higher, at 75 sigmas")
+def test_a_turn_by_ten_degrees_about_the_lens_gives_no_wrong_row(spoiled: Check) -> None:
+    spoiled("fisheye", lambda image: rotated(image, 350.0), known=False)
 
 
 @HEIGHTS

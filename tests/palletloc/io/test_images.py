@@ -7,7 +7,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -151,7 +151,7 @@ def test_every_truncation_of_other_kinds_is_reported(
 
 def tiff_of(width: int, height: int, offset: int, size: int, order: str = "II") -> bytes:
     """Return a gray TIFF file whose directory stands before its one strip: TIFF 6.0, page 13."""
-    little = "little" if order == "II" else "big"
+    little: Literal["little", "big"] = "little" if order == "II" else "big"
     tags = ((256, width), (257, height), (258, 8), (259, 1), (262, 1), (273, offset), (278, height), (279, size))
     entries = b"".join(
         tag.to_bytes(2, little) + (4).to_bytes(2, little) + (1).to_bytes(4, little) + value.to_bytes(4, little)

@@ -17,13 +17,14 @@ from palletloc.cameras.equirectangular import Equirectangular
 from palletloc.cameras.eucm import Eucm
 from palletloc.cameras.kannala_brandt import KannalaBrandt
 from palletloc.cameras.mei import Mei
-from palletloc.cameras.pinhole import Pinhole
+from palletloc.cameras.pinhole import Pinhole, RationalPinhole
 from palletloc.cameras.protocol import CameraModel
 from palletloc.cameras.stitched_equirectangular import StitchedEquirectangular, StitchedLens
 from palletloc.io.camera_spec import (
     angles_from_transform,
     camera_from_spec,
     degrees,
+    read_camera,
     spec_from_camera,
     transform_from_angles,
 )
@@ -181,6 +182,7 @@ def fisheye(cx: float) -> KannalaBrandt:
 CAMERAS: list[CameraModel] = [
     Equirectangular(3840, 1920),
     Pinhole(640, 480, 500.0, 501.0, 320.5, 241.0, -0.1, 0.02, 1e-3, -2e-3, 3e-4),
+    RationalPinhole(640, 480, 500.0, 501.0, 320.5, 241.0, 0.35, -0.12, 1e-3, -2e-3, 0.03, 0.61, -0.05, 0.02),
     fisheye(449.5),
     Mei(1280, 960, 409.0, 410.5, 630.3, 431.9, 1.053, -0.0083, 0.0118, 0.0228, -0.0042, np.radians(105.0)),
     DoubleSphere(752, 480, 210.0, 211.0, 365.8, 249.4, -0.24, 0.566, np.radians(110.0)),
@@ -266,3 +268,15 @@ def test_a_transform_survives_the_way_to_angles_and_back(
 @given(st.integers(-180_000, 180_000))
 def test_degrees_of_typed_angles_are_the_typed_ones(thousandths: int) -> None:
     assert degrees(float(np.radians(thousandths / 1000))) == thousandths / 1000
+
+
+@pytest.mark.parametrize(
+    "size", ["width: 3840, height: 1900", "width: 3840, height: 1700", "width: 1920, height: 1920"]
+)
+def test_images_that_cannot_be_whole_panoramas_are_refused(tmp_path: Path, size: str) -> None:
+    path = tmp_path / "camera.yaml"
+    path.write_text(f"camera: {{model: equirectangular, {size}}}\n")
+    with pytest.raises(DocumentError, match=r"camera\.yaml: camera: an equirectangular image is 360 x 180 degrees"):
+        read_camera(path)
+    path.write_text("camera: {model: equirectangular, width: 3842, height: 1920}\n")
+    assert read_camera(path).width == 3842

@@ -13,16 +13,16 @@ import typer
 from palletloc.choices import Method
 from palletloc.cli import options
 from palletloc.cli.help import FLAG, INPUT, RESULTS
-from palletloc.cli.showing import Shown, progress, say, shows
+from palletloc.cli.showing import Shown, progress, say_all, shows
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from palletloc.config import LocalizerConfig
     from palletloc.io.recording import Recording
     from palletloc.io.tracks import TrackRow
     from palletloc.io.truth import Truth
     from palletloc.measurement import PalletMeasurement
+    from palletloc.recording_run import Job
     from tracking.config import TrackerConfig
     from tracking.events import Event
     from tracking.recording import TrackedRecording
@@ -63,22 +63,25 @@ def track(
     from palletloc.config import LocalizerConfig
     from palletloc.io.config_file import read_config
     from palletloc.io.recording import read_recording
+    from palletloc.recording_run import read_job
     from tracking.config import TrackerConfig, read_tracker_config
-    from tracking.recording import read_measured, write_run
+    from tracking.recording import check_used, read_measured, write_run
 
     parameters = LocalizerConfig() if config is None else read_config(config)
     tracker = TrackerConfig() if config is None else read_tracker_config(config)
     if measurements is not None:
         _refuse_others(context)
         given = read_recording(recording)
-        for note in given.notes:
-            say(note)
+        say_all(given.notes)
         truth = _truth_of(given)
         inputs = Inputs(given, read_measured(measurements, given))
     else:
-        truth = _truth_of(read_recording(recording))
-        inputs = _localized(recording, out, method, parameters, (strict, resume, verbose), config)
+        job = read_job(recording, method, parameters)
+        say_all(job.recording.notes)
+        truth = _truth_of(job.recording)
+        inputs = _localized(job, out, (strict, resume, verbose), config)
     run = _tracked(inputs, tracker, smooth=smooth)
+    check_used(run)
     write_run(out, run, _picture(run, truth))
     return Shown(_document(inputs, run, out), (_table(run), _tally(inputs, run), f"results: {out}"))
 
@@ -144,25 +147,16 @@ def _truth_of(recording: Recording) -> Truth | None:
     return read_truth(recording.folder, recording.truth_form) if path_file(recording.folder) else None
 
 
-def _localized(
-    folder: Path,
-    out: Path,
-    method: Method,
-    parameters: LocalizerConfig,
-    how: tuple[bool, bool, bool],
-    config: Path | None,
-) -> Inputs:
+def _localized(job: Job, out: Path, how: tuple[bool, bool, bool], config: Path | None) -> Inputs:
     """Localize the pallets of a recording, and take their poses from the file, as a later run would."""
     from palletloc.cli.localize import Tally, fill
     from palletloc.io.run_folder import MEASUREMENTS, Run, RunFolder
-    from palletloc.recording_run import read_job
     from tracking.files import remove_run
     from tracking.recording import read_measured
 
-    strict, resume, verbose = how
-    job = read_job(folder, method, parameters)
-    run = Run.of(job.recording, str(method), repr(parameters))
-    output = RunFolder(out, run, folder, job.shots, resume=resume)
+    (strict, resume, verbose), method = how, job.localizer.method
+    run = Run.of(job.recording, str(method), repr(job.localizer.config))
+    output = RunFolder(out, run, job.recording.folder, job.shots, resume=resume)
     try:
         options = [] if config is None else ["--config", str(config)]
         options += [] if method is Method.REFINED else ["--method", str(method)]

@@ -14,7 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from palletloc.choices import NEAREST_LIMIT, TimeRule
-from palletloc.cli.showing import Shown, progress, say, working
+from palletloc.cli.showing import Shown, progress, say, say_all, working
 from palletloc.cli.tables import new_table
 from palletloc.errors import PalletLocError
 from palletloc.evaluation.batch import (
@@ -84,6 +84,7 @@ def evaluate_one(
         If a file is missing or wrong, or a run is given twice.
     """
     truth = read_recording_truth(recording)
+    say_all(truth.recording.notes)
     evaluated = evaluate_recording(truth, _read_runs(estimate, truth.recording), settings)
     runs, compared = evaluated.runs, evaluated.compared
     with working("Drawing"):
@@ -186,7 +187,7 @@ def _notes(truth: RecordingTruth, settings: Settings) -> list[str]:
     notes = list(survey_notes(truth, settings.stop_limit))
     more = len(notes) - _NOTES
     rest = [f"survey: {more} more notes; {METRICS} lists all"] if more > 0 else []
-    return [*truth.recording.notes, *truth.notes, *(f"survey: {note}" for note in notes[:_NOTES]), *rest]
+    return [*truth.notes, *(f"survey: {note}" for note in notes[:_NOTES]), *rest]
 
 
 def _remarks(runs: Sequence[EvaluatedRun]) -> list[str]:

@@ -12,7 +12,7 @@ import typer
 from palletloc.choices import Method
 from palletloc.cli import options
 from palletloc.cli.help import FLAG, INPUT, RESULTS
-from palletloc.cli.showing import Shown, shows, working
+from palletloc.cli.showing import Shown, say_all, shows, working
 from palletloc.errors import PalletLocError
 
 if TYPE_CHECKING:
@@ -55,6 +55,7 @@ def explain(
 
     parameters = LocalizerConfig() if config is None else read_config(config)
     job = _single(read_job(recording, method, parameters, initial), shot)
+    say_all(job.recording.notes)
     explanation = job.explain(0)
     with working("Drawing"):
         from palletloc.report.explanation_folder import PAGE, write_explanation  # drawing is slow to import

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from palletloc.choices import Method
 from palletloc.cli import options
-from palletloc.cli.showing import Shown, progress, say, shows
+from palletloc.cli.showing import Shown, progress, say, say_all, shows
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 
 _COMMONEST = 5
 """How many reasons of refusals are put into words: the others are rare."""
+_FARTHEST = 100.0
+"""No pallet is measured from so far away, in metres."""
 _MOST_ROWS = 200
 """How many poses are printed; measurements.csv has all of them."""
 
@@ -49,6 +52,7 @@ def localize(
 
     parameters = LocalizerConfig() if config is None else read_config(config)
     job = read_job(recording, method, parameters, initial)
+    say_all(job.recording.notes)
     run = Run.of(job.recording, str(method), repr(parameters), initial)
     tally = Tally()
     output = RunFolder(out, run, recording, job.shots, resume=resume)
@@ -89,8 +93,6 @@ def fill(
     """
     from palletloc.report.overview_page import OVERVIEW
 
-    for note in job.recording.notes:
-        say(note)
     try:
         with output:
             tally.done_before = output.done
@@ -136,7 +138,25 @@ def _shown(output: RunFolder, job: Job, tally: Tally) -> Shown:
         "seconds_per_shot": median(tally.durations) if tally.durations else None,
     }
     parts = [*_poses(found, job), tally.table(output.done, len(output.skipped)), *_in_words(refusals)]
-    return Shown(document, (*parts, f"results: {folder}", f"look at {folder / OVERVIEW}"))
+    useless = _useless_starts(job, len(rows) - len(found), refusals)
+    parts += [f"results: {folder}", f"look at {folder / OVERVIEW}"]
+    return Shown(document, tuple(parts), useless, 1 if useless else 0)
+
+
+def _useless_starts(job: Job, without_pose: int, refusals: Sequence[RefusedCandidate]) -> tuple[str, ...]:
+    """Say where none of the given starts could even be tried, and not because of a range that somebody chose."""
+    from palletloc.measurement import Reason, Stage
+
+    starts = [start.forklift_from_pallet for given in job.given or () for start in given.starts]
+    reasons = Counter(str(refusal.reason) for refusal in refusals if refusal.stage is Stage.START)
+    if not starts or not without_pose == len(starts) == reasons.total():
+        return ()
+    in_reach = sum(math.hypot(start.x, start.y) < _FARTHEST for start in starts)
+    if reasons[Reason.OUT_OF_RANGE] and in_reach:
+        return ()
+    counts = ", ".join(f"{reason} ({count})" for reason, count in reasons.most_common())
+    hint = "" if in_reach else f", {_FARTHEST:g} m and farther away: millimetres?"
+    return (f"--initial: none of {len(starts)} starts can be used: {counts}{hint}",)
 
 
 def _pose_document(row: PalletMeasurement) -> dict[str, Any]:

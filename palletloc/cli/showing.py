@@ -9,7 +9,7 @@ import inspect
 import json
 import math
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -106,6 +106,12 @@ def _plain(value: Any) -> Any:
 def say(line: str) -> None:
     """Write a line to standard error, also while progress is shown."""
     sys.stderr.write(f"palletloc: {' '.join(line.split())}\n")
+
+
+def say_all(lines: Iterable[str]) -> None:
+    """Write lines to standard error, unless the command is to be quiet."""
+    for line in () if _is_quiet.get() else lines:
+        say(line)
 
 
 def _watched() -> tuple[Console, bool]:

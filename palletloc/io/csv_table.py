@@ -14,12 +14,9 @@ from typing import TypeVar
 from palletloc.errors import nearest_name
 from palletloc.io.atomic import cannot_write, written_beside
 from palletloc.io.reading import InputError, read_text
+from palletloc.ranges import range_of
 
 _Choice = TypeVar("_Choice", bound=StrEnum)
-LATEST_TIME = 1e11
-"""Largest time in seconds, of either sign: the year 5138 by a clock that counts from 1970."""
-_FINER_UNITS = ((1e17, "nanoseconds", "1e9"), (1e14, "microseconds", "1e6"), (LATEST_TIME, "milliseconds", "1e3"))
-"""Which unit a time from 1970 has that is larger than this, and how many of it make a second."""
 
 
 class TableError(InputError):
@@ -41,8 +38,8 @@ class Row:
         """Return the error about this row, to be raised by the caller."""
         return TableError(f"{self.path}, line {self.line}: {problem}")
 
-    def number(self, column: str) -> float:
-        """Return a finite number."""
+    def number(self, column: str, quantity: str = "") -> float:
+        """Return a finite number in the range of its column, or of the quantity that is named."""
         cell = self.cells[column]
         try:
             # Python reads "1_000" as a number; no program that writes csv means that.
@@ -51,13 +48,8 @@ class Row:
             value = math.nan
         if not math.isfinite(value):
             raise self.fault(f"{column}: expected a finite number, got {shortened(cell)}")
-        return value
-
-    def time(self, column: str = "time_s") -> float:
-        """Return a time in seconds."""
-        value = self.number(column)
-        if (fault := time_fault(value)) is not None:
-            raise self.fault(f"{column}: {fault}")
+        if problem := range_of(quantity or column).fault(value):
+            raise self.fault(f"{column}: {problem}")
         return value
 
     def numbers(self, columns: Iterable[str]) -> list[float]:
@@ -82,14 +74,6 @@ class Row:
     def is_empty(self, columns: Iterable[str]) -> bool:
         """Return whether all of these cells are empty."""
         return not any(self.cells[column] for column in columns)
-
-
-def time_fault(time: float) -> str | None:
-    """Return what is wrong with a time that cannot be one in seconds, and which unit it has; None where it can."""
-    for least, unit, count in _FINER_UNITS:
-        if abs(time) > least:
-            return f"expected seconds, got {time:.12g}: {unit}? divide the times by {count}"
-    return None
 
 
 def shortened(value: object) -> str:
@@ -191,7 +175,7 @@ def in_order_of_time(rows: Iterable[Row], column: str = "time_s", notes: list[st
     """
     previous: Row | None = None
     for row in rows:
-        time = row.time(column)
+        time = row.number(column)
         if previous is not None and time <= previous.number(column):
             if row.cells == previous.cells:
                 if notes is not None:

@@ -111,7 +111,7 @@ def read_measurements(path: str | Path) -> tuple[PalletMeasurement | NoPose, ...
 
 
 def _measurement(row: Row) -> PalletMeasurement | NoPose:
-    time, model, file = row.time(), row.text("model"), row.cells["file"]
+    time, model, file = row.number("time_s"), row.text("model"), row.cells["file"]
     if row.is_empty(_RESULT_COLUMNS):
         return NoPose(time, model, file)
     return PalletMeasurement(
@@ -143,7 +143,8 @@ def read_covariance(row: Row) -> FloatArray:
 
 def read_pose(row: Row) -> LevelPose:
     """Return the level pose of a row that has `POSE_COLUMNS`; errors as for `Row.number`."""
-    return LevelPose(*row.numbers(POSE_COLUMNS))
+    *place, heading = POSE_COLUMNS
+    return LevelPose(*row.numbers(place), row.number(heading, "pallet_yaw_rad"))
 
 
 def write_refusals(path: Path, refusals: Iterable[RefusedCandidate]) -> None:
@@ -155,7 +156,7 @@ def read_refusals(path: str | Path) -> tuple[RefusedCandidate, ...]:
     """Read refusals.csv; errors as for `read_measurements`."""
     return tuple(
         RefusedCandidate(
-            row.time(),
+            row.number("time_s"),
             row.text("model"),
             row.choice("stage", Stage),
             row.choice("reason", Reason),

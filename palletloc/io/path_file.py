@@ -13,10 +13,12 @@ import numpy as np
 
 from palletloc.errors import seconds
 from palletloc.geometry import FloatArray
-from palletloc.io.csv_table import Row, TableError, in_order_of_time, read_rows, shortened, time_fault
+from palletloc.io.csv_table import Row, TableError, in_order_of_time, read_rows, shortened
+from palletloc.io.odometry_check import OdometryColumns, check_odometry
 from palletloc.io.path_columns import INDEX, PathColumns, path_columns
 from palletloc.io.path_frame import PathForm, PoseFrame, level_path
 from palletloc.io.reading import read_text
+from palletloc.ranges import range_of
 from palletloc.trajectory import Trajectory
 
 _TUM = "time x y z qx qy qz qw"
@@ -42,6 +44,8 @@ class PathFile:
 
     trajectory: Trajectory
     """The poses; with speed and yaw rate where the file has them."""
+    yaw: FloatArray
+    """(n,) the headings as they stand there, with their jumps by whole turns, in radians."""
     notes: tuple[str, ...] = ()
     """What was dropped or assumed, one line each."""
 
@@ -71,8 +75,9 @@ class _Samples:
                 f"the time {now} does not follow {before} of line {self.lines[-1]};"
                 " expected strictly increasing times"
             )
-        if (fault := time_fault(time)) is not None:
-            raise row.fault(fault)
+        for name, value in zip(("time_s", "x_m", "y_m", "z_m"), (time, *place), strict=True):
+            if problem := range_of(name).fault(value):
+                raise row.fault(f"{name[0] if name != 'time_s' else 'time'}: {problem}")
         self.lines.append(row.line)
         self.times.append(time)
         self.cells.append(key)
@@ -145,7 +150,7 @@ def _own_samples(path: Path, own: Sequence[str], optional: Sequence[str], header
     for row in in_order_of_time(rows, notes=samples.notes):
         place = row.numbers(name for name in ("x_m", "y_m", "z_m") if name in row.cells)
         turn = row.numbers(quaternion if has_quaternion else ("yaw_rad",))
-        samples.add(row, row.time(), [*place, 0.0][:3], turn, "")
+        samples.add(row, row.number("time_s"), [*place, 0.0][:3], turn, "")
         if {"speed_mps", "yaw_rate_radps"} <= row.cells.keys():
             samples.rates.append((row.number("speed_mps"), row.number("yaw_rate_radps")))
     if not samples.times:
@@ -207,7 +212,10 @@ def _in_seconds(samples: _Samples, columns: PathColumns, cells: Sequence[str]) -
 
 def _add(samples: _Samples, row: Row, columns: PathColumns) -> None:
     def number(name: str) -> float:
-        return row.number(name) * columns.factors[name]
+        found = _numbers(row.cells[name])
+        if found is None or len(found) != 1:
+            raise row.fault(f"{name}: expected a finite number, got {shortened(row.cells[name])}")
+        return found[0] * columns.factors[name]
 
     time = number("sec") + number("nsec") * 1e-9 if {"sec", "nsec"} <= row.cells.keys() else number("time")
     place = [number(name) if name in row.cells else 0.0 for name in "xyz"]
@@ -277,12 +285,38 @@ def _assembled(samples: _Samples, form: PathForm) -> PathFile:
     path = Trajectory(np.array(samples.times), x, y, yaw, z=z)
     if rates is not None:
         path = replace(path, speed=rates[0], yaw_rate=rates[1])
-    return PathFile(path, _few(samples.notes))
+    return PathFile(path, yaw, _few(samples.notes))
 
 
 def _few(notes: list[str]) -> tuple[str, ...]:
     """Return the first of many notes of one kind, and how many more there are."""
     return tuple(notes) if len(notes) < 2 else (f"{notes[0]}, and {len(notes) - 1} more",)
+
+
+def read_odometry(path: Path, own: Sequence[str], form: PathForm | None = None) -> PathFile:
+    """Read odometry: a path on the floor with its rates, which agrees with itself.
+
+    Parameters
+    ----------
+    path, own, form
+        As for `read_path`; the rates ``speed_mps`` and ``yaw_rate_radps`` may be missing.
+
+    Returns
+    -------
+    PathFile
+        With speed and yaw rate, those of the poses where the file has none, and without heights.
+
+    Raises
+    ------
+    InputError
+        As for `read_path`, and if poses contradict the rates; names the likeliest unit.
+    """
+    file = read_path(path, own, ("speed_mps", "yaw_rate_radps"), form)
+    found = file.trajectory
+    strange = check_odometry(
+        path, OdometryColumns(found.times, found.x, found.y, file.yaw, found.speed, found.yaw_rate)
+    )
+    return replace(file, trajectory=replace(with_rates(found), z=None), notes=(*file.notes, *strange))
 
 
 def with_rates(path: Trajectory) -> Trajectory:

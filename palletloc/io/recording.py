@@ -25,7 +25,7 @@ from palletloc.io.camera_spec import (
 from palletloc.io.csv_table import TableError, format_number, in_order_of_time, read_rows, write_rows
 from palletloc.io.images import read_image, write_image
 from palletloc.io.measurements import format_time
-from palletloc.io.path_file import read_path, with_rates
+from palletloc.io.path_file import read_odometry
 from palletloc.io.path_frame import PathForm, path_form
 from palletloc.io.reading import InputError, read_bytes
 from palletloc.io.schema import MountingSpec, OdometrySpec, RecordingSpec, ShelfSpec
@@ -45,8 +45,6 @@ SHOT_COLUMNS = ("time_s", "file")
 """Header of shots.csv."""
 _ODOMETRY_COLUMNS = ("time_s", "x_m", "y_m", "yaw_rad", "speed_mps", "yaw_rate_radps")
 """Header of odometry.csv."""
-_RATES = _ODOMETRY_COLUMNS[4:]
-"""Those that may be missing: they are taken from the poses then."""
 _MIN_SHELF_DISTANCE = 0.2
 """Closest that the camera may be to the shelf's front plane, in metres."""
 
@@ -92,7 +90,7 @@ class Recording:
     truth_form: PathForm = field(default_factory=PathForm)
     """What the file of the forklift's true path cannot say itself."""
     notes: tuple[str, ...] = ()
-    """What was dropped or assumed when the files were read, one line each."""
+    """What was strange, dropped or assumed when the files were read, one line each."""
 
     @property
     def mounting(self) -> Mounting:
@@ -216,17 +214,17 @@ def read_recording(folder: str | Path) -> Recording:
     except ValueError as error:
         raise DocumentError(f"{path}: camera: {error}") from error
     notes: list[str] = []
-    shots = _read_shots(folder / SHOTS, notes)
+    models, shots = _read_models(folder, spec.pallets), _read_shots(folder / SHOTS, notes)
     where = spec.odometry or OdometrySpec()
-    odometry = read_path(folder / where.file, _ODOMETRY_COLUMNS, _RATES, path_form(folder, where))
+    odometry = read_odometry(folder / where.file, _ODOMETRY_COLUMNS, path_form(folder, where))
     return Recording(
         folder,
         camera,
         transform_from_angles(mounting.translation_m, mounting.roll_pitch_yaw_deg),
         _shelf(spec.shelf),
-        _read_models(folder, spec.pallets),
+        models,
         shots,
-        replace(with_rates(odometry.trajectory), z=None),
+        odometry.trajectory,
         mounting.translation_sigma_m,
         _scaled(mounting.rotation_sigma_deg, np.pi / 180),
         where.file,

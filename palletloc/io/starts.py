@@ -65,7 +65,7 @@ def _pairs(path: Path, shots: Sequence[ShotFile]) -> Iterator[tuple[ShotFile, St
 
 
 def _shot_of(row: Row, shots: Sequence[ShotFile], times: Sequence[float]) -> ShotFile:
-    time = row.time()
+    time = row.number("time_s")
     after = bisect(times, time)
     nearest = min(shots[max(after - 1, 0) : after + 1], key=lambda shot: abs(shot.time - time))
     if abs(nearest.time - time) > TIME_TOLERANCE:

@@ -82,7 +82,7 @@ def _track(row: Row) -> TrackRow:
     if age < 0:
         raise row.fault(f"age_s: expected a time since the last measurement, got {age:g}")
     return TrackRow(
-        row.time(),
+        row.number("time_s"),
         read_count(row, "track"),
         row.text("model"),
         row.choice("state", Status),

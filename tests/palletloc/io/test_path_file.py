@@ -238,19 +238,12 @@ def test_a_repeated_time_with_other_values_shows_the_digits_that_differ(tmp_path
         read_path(stored(tmp_path, "\n".join(lines), "a.tum"), OWN)
 
 
-@pytest.mark.parametrize(
-    ("factor", "unit", "count"),
-    [(1e9, "nanoseconds", "1e9"), (1e6, "microseconds", "1e6"), (1e3, "milliseconds", "1e3")],
-)
-def test_times_in_another_unit_are_one_line_with_the_factor(
-    tmp_path: Path, factor: float, unit: str, count: str
-) -> None:
+@pytest.mark.parametrize(("factor", "unit"), [(1e9, "nanoseconds"), (1e6, "microseconds"), (1e3, "milliseconds")])
+def test_times_in_another_unit_are_one_line_with_the_factor(tmp_path: Path, factor: float, unit: str) -> None:
     header, *rows = own().splitlines()
     scaled = (f"{round(float(row.split(',', 1)[0]) * factor)},{row.split(',', 1)[1]}" for row in rows)
     path = stored(tmp_path, "\n".join([header, *scaled]))
-    with pytest.raises(
-        TableError, match=rf"odometry\.csv, line 2: time_s: expected seconds, .*: {unit}\? .* {count}"
-    ):
+    with pytest.raises(TableError, match=rf"odometry\.csv, line 2: time_s: expected seconds .* are these {unit}\?"):
         read_path(path, OWN, RATES)
 
 
@@ -263,7 +256,7 @@ def test_a_recording_in_nanoseconds_is_refused(folder: Path, name: str) -> None:
         for row in rows
     ]
     path.write_text("\n".join([header, *turned]) + "\n")
-    with pytest.raises(TableError, match=rf"{name}, line 2: time_s: expected seconds, got 1\.7e\+18: nanoseconds\?"):
+    with pytest.raises(TableError, match=rf"{name}, line 2: time_s: expected seconds .* are these nanoseconds\?"):
         read_recording(folder)
 
 
@@ -282,7 +275,7 @@ def test_a_recording_in_nanoseconds_is_refused(folder: Path, name: str) -> None:
         ("time,x,y,yaw\n0,0,0,0\n1,0,zero,0", r"line 3: y: expected a finite number, got 'zero'"),
         ("time,x,y,yaw\n0,0,0,0\n1,0,0", r"line 3: expected 4 cells, got 3"),
         ("time,x,y,yaw\n", r"has no rows"),
-        ("time,x,y,yaw\n1e300,0,0,0", r"line 2: expected seconds, got 1e\+300"),
+        ("time,x,y,yaw\n1e300,0,0,0", r"line 2: time: expected seconds from .* got 1e\+300"),
     ],
 )
 @pytest.mark.parametrize("name", ["odometry.csv", "a.tum"])
@@ -323,7 +316,9 @@ def test_the_faults_that_were_found_are_right_now(tmp_path: Path, folder: Path, 
     assert "line 3: is line 2 again" in truth.notes[0]
     for name in ("odometry.csv", "shots.csv"):
         (folder / name).write_bytes((faults / "stamps-in-nanoseconds" / name).read_bytes())
-        with pytest.raises(TableError, match=rf"{name}, line 2: time_s: expected seconds, .*: nanoseconds\?"):
+        with pytest.raises(TableError, match=rf"{name}, line 2: time_s: expected seconds .* are these nanoseconds\?"):
             read_recording(folder)
-    with pytest.raises(TableError, match=r"measurements\.csv, line 2: time_s: expected seconds, .*: nanoseconds\?"):
+    with pytest.raises(
+        TableError, match=r"measurements\.csv, line 2: time_s: expected seconds .* are these nanoseconds\?"
+    ):
         read_measurements(faults / "stamps-in-nanoseconds" / "measurements.csv")

@@ -77,6 +77,20 @@ class Fit:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class BetterModel:
+    """Another pallet model that explains the image better."""
+
+    name: str
+    """Its name in the library."""
+    nats: float
+    """How much likelier it is, as a logarithm."""
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        return f"{self.name} is likelier by {self.nats:.1f} nats"
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Refusal:
     """A candidate that was given up."""
@@ -91,6 +105,8 @@ class Refusal:
     """What had been measured; None where it was given up before."""
     steps: tuple[object, ...] = ()
     """Results of the steps before, as in `Fit`."""
+    better: BetterModel | None = None
+    """The model that explains the image better; None where none does or the models are not the reason."""
 
     @property
     def rank(self) -> float:

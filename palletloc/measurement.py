@@ -81,6 +81,8 @@ class Reason(StrEnum):
     """A pallet, but its pose is too uncertain to be of use."""
     OFF_LEVEL = "off_level"
     """The pose is not at any height where loads stand."""
+    OTHER_MODEL = "other_model"
+    """Another pallet of the library, which was not looked for, explains the image better."""
 
 
 @dataclass(frozen=True, slots=True)

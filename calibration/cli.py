@@ -2,34 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NoReturn
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
-from rich.text import Text
 
+from palletloc.cli import options
+from palletloc.cli.help import BOARD, FLAG, INPUT, MEASURING, RESULTS, TAGS, PlainCommand, PlainGroup, examples
+from palletloc.cli.showing import Shown, shows, working
 from palletloc.errors import PalletLocError
 
 if TYPE_CHECKING:
     from calibration.result_page import ResultPage
 
-app = typer.Typer(no_args_is_help=True, help="Calibrate the camera's mounting, lenses and shelf plane; make targets.")
 
-
-@app.command("extrinsics")
+@shows
 def extrinsics(
-    out: Annotated[Path, typer.Option(metavar="YAML", help="File for camera and mounting; reports go beside it.")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            rich_help_panel=RESULTS, metavar="YAML", help="File for camera and mounting; reports go beside it."
+        ),
+    ],
     folder: Annotated[
         Path | None, typer.Argument(metavar="[FOLDER]", help="With extrinsics.yaml and its shots.")
     ] = None,
     motion: Annotated[
         Path | None,
-        typer.Option(metavar="RECORDING", help="Instead of FOLDER: a drive past targets, with targets.yaml."),
+        typer.Option(
+            rich_help_panel=INPUT,
+            metavar="RECORDING",
+            help="Instead of FOLDER: a drive past targets, with targets.yaml.",
+        ),
     ] = None,
-) -> None:
+) -> Shown:
     """Find the camera's pose on the forklift from surveyed targets; or check it by a drive past targets."""
     from calibration.motion.assessment import calibrate_motion  # numpy, cv2 and matplotlib take a second
     from calibration.motion.report import motion_page
@@ -38,7 +45,7 @@ def extrinsics(
     from calibration.result_page import write_result
 
     _expect(out, ".yaml", ".yml")
-    with _progress() as told:
+    with working("reading") as told:
         if folder is not None and motion is None:
             page = mounting_page(calibrate_mounting(folder, told))
         elif motion is not None and folder is None:
@@ -47,16 +54,17 @@ def extrinsics(
             raise typer.BadParameter("expected one of FOLDER and --motion RECORDING")
         told("writing the report")
         files = write_result(page, out)
-    _finish(page, files)
+    return _shown(page, files)
 
 
-@app.command("plan")
+@shows
 def plan(
     layout: Annotated[Path, typer.Argument(metavar="LAYOUT", help="A file like extrinsics.yaml, or its folder.")],
     out: Annotated[
-        Path | None, typer.Option(metavar="HTML", help="File for the report; JSON goes beside it.")
+        Path | None,
+        typer.Option(rich_help_panel=RESULTS, metavar="HTML", help="File for the report; JSON goes beside it."),
     ] = None,
-) -> None:
+) -> Shown:
     """Predict how well planned targets will give the camera's pose, before anything is hung or driven."""
     from calibration.plan.assessment import plan_targets
     from calibration.plan.report import plan_page
@@ -65,24 +73,41 @@ def plan(
     if out is not None:
         _expect(out, ".html")
     page = plan_page(plan_targets(layout))
-    _finish(page, () if out is None else write_result(page, out))
+    return _shown(page, () if out is None else write_result(page, out))
 
 
-@app.command("shelf")
+@shows
 def shelf(
-    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="An approach along the shelf.")],
-    out: Annotated[Path, typer.Option(metavar="YAML", help="The recording.yaml to write; reports go beside it.")],
+    recording: options.RecordingFolder,
+    out: Annotated[
+        Path,
+        typer.Option(
+            rich_help_panel=RESULTS, metavar="YAML", help="The recording.yaml to write; reports go beside it."
+        ),
+    ],
     side: Annotated[
-        str | None, typer.Option(help="Side of the shelf in the direction of travel: left, right.")
+        str | None,
+        typer.Option(rich_help_panel=INPUT, help="Side of the shelf in the direction of travel: left, right."),
     ] = None,
-    distance: Annotated[float | None, typer.Option(help="About how far it is from the camera, in metres.")] = None,
+    distance: Annotated[
+        float | None, typer.Option(rich_help_panel=INPUT, help="About how far it is from the camera, in metres.")
+    ] = None,
     front: Annotated[
-        str, typer.Option(help="What the front is: uprights (their faces) or pallets (theirs).")
+        str,
+        typer.Option(
+            rich_help_panel=MEASURING, help="What the front is: uprights (their faces) or pallets (theirs)."
+        ),
     ] = "uprights",
-    tag_size: Annotated[float | None, typer.Option(min=0.01, help="Side of tags on the uprights, in metres.")] = None,
-    tag_dictionary: Annotated[str, typer.Option(help="Of these tags, as OpenCV names it.")] = "DICT_APRILTAG_36h11",
-    tag_offset: Annotated[float, typer.Option(help="How far their faces lie before the front, in metres.")] = 0.0,
-) -> None:
+    tag_size: Annotated[
+        float | None, typer.Option(rich_help_panel=TAGS, min=0.01, help="Side of tags on the uprights, in metres.")
+    ] = None,
+    tag_dictionary: Annotated[
+        str, typer.Option(rich_help_panel=TAGS, help="Of these tags, as OpenCV names it.")
+    ] = "DICT_APRILTAG_36h11",
+    tag_offset: Annotated[
+        float, typer.Option(rich_help_panel=TAGS, help="How far their faces lie before the front, in metres.")
+    ] = 0.0,
+) -> Shown:
     """Find the front plane of a shelf from a recording; by default around the plane that it states."""
     from calibration.result_page import write_result
     from calibration.shelf.assessment import calibrate_shelf
@@ -98,23 +123,30 @@ def shelf(
     if (side is None) != (distance is None):
         raise typer.BadParameter("--side and --distance go together")
     tags = None if tag_size is None else TagsOnUprights(tag_dictionary, tag_size, tag_offset)
-    with _progress() as told:
+    with working("reading") as told:
         page = shelf_page(calibrate_shelf(recording, side, distance, Front(front), tags, told))
         told("writing the report")
         files = write_result(page, out)
-    _finish(page, files)
+    return _shown(page, files)
 
 
-@app.command("check")
+@shows
 def check(
-    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="An approach along the shelf.")],
+    recording: options.RecordingFolder,
     out: Annotated[
-        Path | None, typer.Option(metavar="HTML", help="File for the report; JSON goes beside it.")
+        Path | None,
+        typer.Option(rich_help_panel=RESULTS, metavar="HTML", help="File for the report; JSON goes beside it."),
     ] = None,
     tolerance: Annotated[
-        float, typer.Option(min=0.01, max=5, help="How far the camera may be turned about x or y, in degrees.")
+        float,
+        typer.Option(
+            rich_help_panel=MEASURING,
+            min=0.01,
+            max=5,
+            help="How far the camera may be turned about x or y, in degrees.",
+        ),
     ] = 0.15,
-) -> None:
+) -> Shown:
     """Check whether the camera still sits on the forklift as a recording says."""
     from calibration.check.assessment import check_mounting
     from calibration.check.report import check_page
@@ -122,9 +154,9 @@ def check(
 
     if out is not None:
         _expect(out, ".html")
-    with _progress() as told:
+    with working("reading") as told:
         page = check_page(check_mounting(recording, tolerance, told))
-    _finish(page, () if out is None else write_report(page, out))
+    return _shown(page, () if out is None else write_report(page, out))
 
 
 def _expect(out: Path, *suffixes: str) -> None:
@@ -133,40 +165,36 @@ def _expect(out: Path, *suffixes: str) -> None:
         raise PalletLocError(f"--out {out}: expected the name of a {suffixes[0]} file")
 
 
-@contextmanager
-def _progress() -> Iterator[Callable[[str], None]]:
-    """Show what a run is at, where somebody looks on."""
-    console = Console(stderr=True)
-    with console.status("reading") as status:
-        yield status.update if console.is_terminal else lambda _: None
+def _shown(page: ResultPage, files: Sequence[Path]) -> Shown:
+    """Return a result and what was written, with its exit code."""
+    from calibration.result_page import json_values, reason_lines, terminal_parts
+
+    parts = (*terminal_parts(page), *(f"written: {path}" for path in files))
+    return Shown({**json_values(page), "written": files}, parts, reason_lines(page), page.exit_code)
 
 
-def _finish(page: ResultPage, files: Sequence[Path]) -> NoReturn:
-    """Print a result and what was written, and end with its exit code."""
-    from calibration.result_page import reason_lines, terminal_parts
-
-    console = Console()
-    for part in terminal_parts(page):
-        console.print(part)
-    for path in files:
-        console.print(Text(f"written: {path}"), soft_wrap=True)
-    for line in reason_lines(page):
-        typer.echo(f"palletloc: {line}", err=True)
-    raise typer.Exit(page.exit_code)
-
-
-@app.command("board")
+@shows
 def board(
-    out: Annotated[Path, typer.Option(metavar="PDF", help="File to write.")],
-    columns: Annotated[int, typer.Option(min=2, help="Squares side by side.")] = 7,
-    rows: Annotated[int, typer.Option(min=2, help="Squares one above the other.")] = 5,
-    square: Annotated[float, typer.Option(min=1, help="Side of a square, in millimetres.")] = 100.0,
-    marker: Annotated[float, typer.Option(min=1, help="Side of a marker, in millimetres.")] = 75.0,
-    dictionary: Annotated[str, typer.Option(help="Of the markers, as OpenCV names it.")] = "DICT_4X4_250",
-    first: Annotated[int, typer.Option(min=0, help="Id of the marker at the upper left.")] = 0,
-    tag: Annotated[bool, typer.Option("--tag", help="A single marker instead of a board.")] = False,
-) -> None:
+    out: Annotated[Path, typer.Option(rich_help_panel=RESULTS, metavar="PDF", help="File to write.")],
+    columns: Annotated[int, typer.Option(rich_help_panel=BOARD, min=2, help="Squares side by side.")] = 7,
+    rows: Annotated[int, typer.Option(rich_help_panel=BOARD, min=2, help="Squares one above the other.")] = 5,
+    square: Annotated[
+        float, typer.Option(rich_help_panel=BOARD, min=1, help="Side of a square, in millimetres.")
+    ] = 100.0,
+    marker: Annotated[
+        float, typer.Option(rich_help_panel=BOARD, min=1, help="Side of a marker, in millimetres.")
+    ] = 75.0,
+    dictionary: Annotated[
+        str, typer.Option(rich_help_panel=BOARD, help="Of the markers, as OpenCV names it.")
+    ] = "DICT_4X4_250",
+    first: Annotated[int, typer.Option(rich_help_panel=BOARD, min=0, help="Id of the marker at the upper left.")] = 0,
+    tag: Annotated[
+        bool, typer.Option("--tag", rich_help_panel=BOARD, metavar=FLAG, help="A single marker instead of a board.")
+    ] = False,
+) -> Shown:
     """Make a printable board or tag at true scale, with a ruler to check the print."""
+    import yaml
+
     from calibration.targets.board_pdf import board_pdf, target_yaml
     from calibration.targets.targets import CharucoBoard, SingleTag
     from palletloc.io.atomic import write_bytes
@@ -178,53 +206,115 @@ def board(
         else CharucoBoard(columns, rows, square / 1000, marker / 1000, dictionary, first)
     )
     write_bytes(out, board_pdf(target))
-    console = Console()
-    console.print(Text(f"written: {out}"), soft_wrap=True)
-    console.print(Text("for extrinsics.yaml:\n" + target_yaml(target)), soft_wrap=True)
+    content = target_yaml(target).rstrip("\n")
+    document = {"written": [out], "target": yaml.safe_load(content)}
+    return Shown(document, (f"written: {out}", f"for extrinsics.yaml:\n{content}"))
 
 
-@app.command("intrinsics")
+@shows
 def intrinsics(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="With intrinsics.yaml, and shots or corners.")],
-    out: Annotated[Path, typer.Option(metavar="YAML", help="File for the camera; reports go beside it.")],
+    out: Annotated[
+        Path, typer.Option(rich_help_panel=RESULTS, metavar="YAML", help="File for the camera; reports go beside it.")
+    ],
     model: Annotated[
-        str, typer.Option(help="kannala_brandt, mei, double_sphere, eucm, pinhole or stitched_equirectangular.")
+        str,
+        typer.Option(
+            rich_help_panel=MEASURING,
+            help="kannala_brandt, mei, double_sphere, eucm, pinhole, rational_pinhole, stitched_equirectangular.",
+        ),
     ] = "kannala_brandt",
-) -> None:
+) -> Shown:
     """Find the parameters of a lens, or of two, from shots of boards."""
     from calibration.intrinsics.fit import calibrate_lenses
     from calibration.intrinsics.report import lenses_page
     from calibration.result_page import write_result
 
     _expect(out, ".yaml", ".yml")
-    with _progress() as told:
+    with working("reading") as told:
         page = lenses_page(calibrate_lenses(folder, model, told))
         told("writing the report")
         files = write_result(page, out)
-    _finish(page, files)
+    return _shown(page, files)
 
 
-@app.command("convert")
+@shows
 def convert(
     source: Annotated[Path, typer.Argument(metavar="IN", help="Camera file of any program.")],
     to: Annotated[
-        str, typer.Option(metavar="FORMAT[/MODEL]", help="palletloc, kalibr, basalt, ros, opencv or ocam.")
+        str,
+        typer.Option(
+            rich_help_panel=RESULTS, metavar="FORMAT[/MODEL]", help="palletloc, kalibr, basalt, ros, opencv or ocam."
+        ),
     ],
-    out: Annotated[Path, typer.Option(metavar="FILE", help="File to write.")],
-    camera: Annotated[int | None, typer.Option(help="Which camera of several, from 0 on.")] = None,
-    max_angle_deg: Annotated[float, typer.Option(min=1.0, max=180.0, help="How far off axis counts.")] = 180.0,
-) -> None:
+    out: Annotated[Path, typer.Option(rich_help_panel=RESULTS, metavar="FILE", help="File to write.")],
+    camera: Annotated[
+        int | None, typer.Option(rich_help_panel=INPUT, help="Which camera of several, from 0 on.")
+    ] = None,
+    max_angle_deg: Annotated[
+        float, typer.Option(rich_help_panel=MEASURING, min=1.0, max=180.0, help="How far off axis counts.")
+    ] = 180.0,
+) -> Shown:
     """Convert a camera file to the form of another program, or to another lens model."""
     from math import degrees, radians
 
     from calibration.formats.convert import convert_camera
 
     done = convert_camera(source, to, out, camera, radians(max_angle_deg))
-    console = Console()
-    console.print(Text(f"{done.source} -> {done.target}"))
+    parts, remarks, differences = [f"{done.source} -> {done.target}"], [f"note: {note}" for note in done.notes], []
     for name, left in zip(done.names, done.differences, strict=False):
         line = f"{name}: {left.rms:.3g} px rms, {left.largest:.3g} px at most"
-        console.print(Text(f"{line}, up to {degrees(left.max_angle):.1f} degrees off axis"), soft_wrap=True)
+        parts.append(f"{line}, up to {degrees(left.max_angle):.1f} degrees off axis")
+        values = {"rms_px": left.rms, "largest_px": left.largest, "max_angle_deg": degrees(left.max_angle)}
+        differences.append({"name": name, **values, "lost": left.unseen})
         if left.unseen > 0:
-            typer.echo(f"palletloc: warning: {name}: {left.unseen:.1%} of its field is lost", err=True)
-    console.print(Text(f"written: {out}"), soft_wrap=True)
+            remarks.append(f"warning: {name}: {left.unseen:.1%} of its field is lost")
+    document = {
+        "source": done.source,
+        "target": done.target,
+        "cameras": differences,
+        "notes": list(done.notes),
+        "written": [out],
+    }
+    return Shown(document, (*parts, f"written: {out}"), tuple(remarks))
+
+
+app = typer.Typer(
+    cls=PlainGroup,
+    no_args_is_help=True,
+    help="Calibrate the camera's mounting, lenses and shelf plane; make targets.",
+    epilog=examples(
+        (
+            "palletloc calibrate board --out board.pdf",
+            "palletloc calibrate extrinsics FOLDER --out rig.yaml",
+            "palletloc calibrate COMMAND --help       # options and examples of one command",
+        )
+    ),
+)
+_COMMANDS: dict[Callable[..., None], tuple[str, ...]] = {
+    extrinsics: (
+        "palletloc calibrate extrinsics FOLDER --out rig.yaml",
+        "palletloc calibrate extrinsics --motion RECORDING --out rig.yaml",
+    ),
+    plan: ("palletloc calibrate plan LAYOUT", "palletloc calibrate plan LAYOUT --out plan.html"),
+    shelf: (
+        "palletloc calibrate shelf RECORDING --out new.yaml",
+        "palletloc calibrate shelf RECORDING --out new.yaml --side left --distance 1.9",
+    ),
+    check: ("palletloc calibrate check RECORDING", "palletloc calibrate check RECORDING --out check.html"),
+    board: (
+        "palletloc calibrate board --out board.pdf",
+        "palletloc calibrate board --out tag.pdf --tag --dictionary DICT_APRILTAG_36h11",
+    ),
+    intrinsics: (
+        "palletloc calibrate intrinsics FOLDER --out camera.yaml",
+        "palletloc calibrate intrinsics FOLDER --out camera.yaml --model double_sphere",
+    ),
+    convert: (
+        "palletloc calibrate convert camera.yaml --to ros --out info.yaml",
+        "palletloc calibrate convert camera.yaml --to kalibr/double_sphere --out camchain.yaml",
+    ),
+}
+"""The commands with examples of their use, in the order in which help lists them."""
+for _command, _lines in _COMMANDS.items():
+    app.command(_command.__name__, cls=PlainCommand, epilog=examples(_lines))(_command)

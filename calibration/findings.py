@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -35,6 +35,12 @@ class Finding:
     """One sentence: what is the case, and where."""
     how: str
     """One sentence: what to do."""
+
+
+def notes_on_input(notes: Iterable[str]) -> Iterator[Finding]:
+    """Yield what was strange when the files of a recording were read."""
+    for note in notes:
+        yield Finding(Severity.WARNING, "strange_input", note, "check the file and what it was made from")
 
 
 def exit_code(findings: Iterable[Finding]) -> int:

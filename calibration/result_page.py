@@ -17,7 +17,6 @@ from typing import Any
 import rich.table
 from matplotlib.figure import Figure
 from rich import box
-from rich.console import RenderableType
 from rich.text import Text
 
 from calibration.findings import PASS, Finding, Severity, exit_code
@@ -158,15 +157,15 @@ def finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def terminal_parts(result: ResultPage) -> tuple[RenderableType, ...]:
+def terminal_parts(result: ResultPage) -> tuple[str | rich.table.Table, ...]:
     """Return what a command prints of a result."""
     return tuple(part for section in result.sections for part in _on_terminal(section))
 
 
-def _on_terminal(section: Section) -> Iterator[RenderableType]:
+def _on_terminal(section: Section) -> Iterator[str | rich.table.Table]:
     match section:
         case Paragraph() if Output.TERMINAL in section.output:
-            yield Text(section.text)
+            yield section.text
         case Table() if Output.TERMINAL in section.output:
             yield _terminal_table(section)
 
@@ -197,15 +196,20 @@ def _finding_line(finding: Finding) -> str:
     return f"{finding.severity}: {finding.code}: {finding.what}; {finding.how}"
 
 
-def json_text(result: ResultPage) -> str:
-    """Return a result as the content of a file in JSON."""
+def json_values(result: ResultPage) -> dict[str, Any]:
+    """Return a result in plain values."""
     data: dict[str, Any] = {"format": _FORMAT, "exit_code": result.exit_code}
     for section in result.sections:
         if isinstance(section, Findings):
             data["reasons"] = [_finding_data(finding) for finding in section.findings]
         if isinstance(section, JsonValues):
             data |= section.values
-    return json.dumps(data, indent=1, allow_nan=False) + "\n"
+    return data
+
+
+def json_text(result: ResultPage) -> str:
+    """Return a result as the content of a file in JSON."""
+    return json.dumps(json_values(result), indent=1, allow_nan=False) + "\n"
 
 
 def _finding_data(finding: Finding) -> dict[str, str]:
@@ -245,7 +249,7 @@ def _findings_on_page(section: Findings) -> str:
     rows = []
     for finding in sorted(section.findings, key=lambda finding: order.index(finding.severity)):
         rows += [[str(finding.severity), finding.code, finding.what], ["", "", f"do: {finding.how}"]]
-    return html.table(words("", "code", "what, and what to do"), rows)
+    return html.table((*words("", "code"), Column("what, and what to do", is_text=True, wraps=True)), rows)
 
 
 def write_result(result: ResultPage, out: Path) -> tuple[Path, ...]:

@@ -6,9 +6,27 @@ from palletloc.cli.app import COMMANDS as OWN_COMMANDS
 from palletloc.cli.app import Command, run
 
 _OTHERS = (
-    Command("demo", "tracking.cli:demo", "Localize, track and evaluate the sample that comes along."),
-    Command("track", "tracking.cli:track", "Follow the pallets of a recording from shot to shot."),
-    Command("config", "tracking.cli:config", "Print every parameter with its default."),
+    Command(
+        "demo",
+        "tracking.cli:demo",
+        "Localize, track and evaluate the sample that comes along.",
+        ("palletloc demo", "palletloc demo --out DIR"),
+    ),
+    Command(
+        "track",
+        "tracking.cli:track",
+        "Follow the pallets of a recording from shot to shot.",
+        (
+            "palletloc track RECORDING --out RUN --smooth",
+            "palletloc track RECORDING --out DIR --measurements RUN/measurements.csv",
+        ),
+    ),
+    Command(
+        "config",
+        "tracking.cli:config",
+        "Print every parameter with its default.",
+        ("palletloc config > mine.yaml", "palletloc config --file mine.yaml   # checks it, too"),
+    ),
     Command(
         "calibrate", "calibration.cli:app", "Calibrate the camera's mounting, lenses and shelf plane; make targets."
     ),

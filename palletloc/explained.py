@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -11,14 +12,47 @@ from palletloc.candidate import Fit, Refusal
 from palletloc.face import EdgeKind, FaceEdge, FaceLine, visible_lines
 from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 from palletloc.localizer import Explanation
+from palletloc.measurement import Reason
 from palletloc.pallet import PalletModel
 from palletloc.refinement.edges import MeasuredEdge
 from palletloc.refinement.face_fit import FaceEstimate
 from palletloc.refinement.normal_equations import USED_WEIGHT
 from palletloc.refinement.patch import FacePatch
+from palletloc.verification import USUAL_CONTRAST, VerificationConfig
 
 Named = tuple[tuple[str, Fit | Refusal], ...]
 """What became of candidates, with their names."""
+_NOTHING = "nothing, unless you see a pallet there"
+"""What to do about refusals that are no loss."""
+IN_WORDS: Mapping[str, tuple[str, str]] = {
+    Reason.UNKNOWN_MODEL: ("the recording does not name this pallet model", "add it to pallets in recording.yaml"),
+    Reason.NOT_FINITE: ("the start has a value that is not a number", "leave such starts out"),
+    Reason.OUT_OF_VIEW: (
+        "the camera does not see the whole face",
+        "check max_angle_deg and the mounting in recording.yaml, where the image shows it",
+    ),
+    Reason.BEHIND_FACE: ("the camera is behind the face", "check the start's yaw, or the shelf's facing_deg"),
+    Reason.OUT_OF_RANGE: ("it is too far away", "drive nearer, or raise detection.max_range"),
+    Reason.NO_LINE: ("no line of the pallet gives its yaw", "take the method refined"),
+    Reason.NO_PEAK: (
+        "no pose within reach fits the image",
+        "check the model's dimensions, or widen prior and search",
+    ),
+    Reason.FEW_EDGES: ("too few edges of the face are seen where they should be", _NOTHING),
+    Reason.HIDDEN: ("something stands before most of the face", "try a shot from farther along the aisle"),
+    Reason.LOW_CONTRAST: ("openings and blocks do not differ as a pallet's do", f"{_NOTHING}; then expose longer"),
+    Reason.OVERLAP: ("a better pallet stands in the same place", "nothing"),
+    Reason.YAW_DISAGREES: (
+        "its level lines turn it otherwise than all its edges",
+        "measure the mounting again, if it happens often",
+    ),
+    Reason.UNCERTAIN: (
+        "a pallet, but its pose is too uncertain to be of use",
+        "drive nearer, give levels_m, measure the mounting better, or measure the pallet",
+    ),
+    Reason.OFF_LEVEL: ("it stands at no height where loads stand", "measure levels_m again"),
+}
+"""What each reason means, and what to do about it; ``docs/refusals.md`` has more."""
 
 
 def name_candidates(explanation: Explanation) -> Named:
@@ -49,6 +83,38 @@ def given_up(outcome: Fit | Refusal) -> str:
     if isinstance(outcome, Fit):
         return ""
     return f" (given up in {outcome.stage}: {str(outcome.reason).replace('_', ' ')})"
+
+
+def spoke_against(refusal: Refusal, config: VerificationConfig | None = None) -> str:
+    """Return what spoke against a candidate that had a pose, in words and numbers.
+
+    Parameters
+    ----------
+    refusal : Refusal
+        With what had been measured.
+    config : VerificationConfig, optional
+        The limits that held; the defaults if left out.
+
+    Returns
+    -------
+    str
+        What the reason means, and the numbers behind it; the meaning alone where there are none.
+    """
+    limits, fit = config or VerificationConfig(), refusal.fit
+    means = IN_WORDS[refusal.reason][0]
+    if fit is None:
+        return means
+    if refusal.reason is Reason.UNCERTAIN:
+        place = 1000 * float(np.sqrt(np.linalg.eigvalsh(fit.covariance[:2, :2])[-1]))
+        turn = float(np.degrees(np.sqrt(fit.covariance[3, 3])))
+        asked = f"{1000 * limits.max_sigma:.0f} mm and {limits.max_yaw_sigma_deg:g} degrees are allowed"
+        return f"{means}: sigma {place:.0f} mm on the floor, {turn:.2f} degrees of yaw; {asked}"
+    if fit.evidence is None or refusal.reason not in (Reason.LOW_CONTRAST, Reason.FEW_EDGES):
+        return means
+    seen = fit.evidence
+    signs = f"contrast {seen.contrast:.1f} (pallets: {USUAL_CONTRAST:g} and more), {100 * seen.coverage:.0f} % of the"
+    signs += f" edges seen, {seen.doubt:.1f} missing or contradicting, {100 * seen.hidden:.0f} % hidden"
+    return f"{means}: {signs}; probability {seen.probability:.2f}, {limits.min_rank:g} is needed"
 
 
 class EdgeFate(StrEnum):

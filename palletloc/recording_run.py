@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -142,11 +142,19 @@ class ShotOutcome:
     """Its rows of measurements.csv."""
     refusals: tuple[RefusedCandidate, ...] = ()
     """Its rows of refusals.csv. Views and image of the shot are not kept: they are large."""
+    picture: bytes = b""
+    """What was drawn of it while the image was there: the content of a file; empty where nothing was."""
     problem: str = ""
     """Why it was skipped, in one line; empty where it was not."""
 
 
-def work_through(job: Job, output: RunFolder, *, strict: bool = False) -> Iterator[ShotOutcome]:
+Draw = Callable[[Explanation], bytes]
+"""Draws a small picture of a shot: the content of a file."""
+
+
+def work_through(
+    job: Job, output: RunFolder, *, strict: bool = False, draw: Draw | None = None
+) -> Iterator[ShotOutcome]:
     """Localize the pallets of every shot that is left to do, and keep the rows.
 
     A shot that cannot be used is noted and passed over as soon as another one could be used: where none can,
@@ -160,6 +168,8 @@ def work_through(job: Job, output: RunFolder, *, strict: bool = False) -> Iterat
         Opened by the caller for the job's shots.
     strict : bool
         Whether the first shot that cannot be used ends the work.
+    draw : callable, optional
+        Draws each shot that can be used; the outcomes keep the pictures.
 
     Yields
     ------
@@ -173,7 +183,7 @@ def work_through(job: Job, output: RunFolder, *, strict: bool = False) -> Iterat
     """
     held: list[ShotOutcome] = []
     for number, shot in output.remaining():
-        outcome = _worked(job, number, shot, strict)
+        outcome = _worked(job, number, shot, strict, draw)
         held.append(outcome)
         if not output.done and outcome.problem:
             continue
@@ -185,7 +195,7 @@ def work_through(job: Job, output: RunFolder, *, strict: bool = False) -> Iterat
         raise _useless(job, held)
 
 
-def _worked(job: Job, number: int, shot: ShotFile, strict: bool) -> ShotOutcome:
+def _worked(job: Job, number: int, shot: ShotFile, strict: bool, draw: Draw | None) -> ShotOutcome:
     started = perf_counter()
     try:
         explanation = job.explain(number)
@@ -194,7 +204,8 @@ def _worked(job: Job, number: int, shot: ShotFile, strict: bool) -> ShotOutcome:
             raise
         return ShotOutcome(number, shot, perf_counter() - started, problem=str(error))
     rows, refusals = tuple(job.rows(explanation)), tuple(explanation.refusals)
-    return ShotOutcome(number, shot, perf_counter() - started, rows, refusals)
+    duration = perf_counter() - started
+    return ShotOutcome(number, shot, duration, rows, refusals, draw(explanation) if draw else b"")
 
 
 def _keep(outcome: ShotOutcome, output: RunFolder) -> None:

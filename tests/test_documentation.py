@@ -5,6 +5,7 @@ import re
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 import typer
@@ -31,6 +32,8 @@ RESULTS = (DOCS / "results.md").read_text(encoding="utf-8")
 REFUSALS = (DOCS / "refusals.md").read_text(encoding="utf-8")
 API = (DOCS / "api.md").read_text(encoding="utf-8")
 CLI = (DOCS / "cli.md").read_text(encoding="utf-8")
+COMMON = {"--help", "--json", "--quiet"}
+"""Options of every command; they are described above the commands."""
 SECTIONS = {field.name for field in fields(LocalizerConfig)}
 
 
@@ -38,6 +41,11 @@ def sections(page: str, mark: str) -> dict[str, str]:
     """Return the text below each heading of one level."""
     pieces = re.split(rf"^{mark} (.+)\n", page, flags=re.MULTILINE)
     return dict(zip(pieces[1::2], pieces[2::2], strict=True))
+
+
+def spellings(option: Any) -> list[str]:
+    """Return what may be typed for an option, and for its opposite."""
+    return [*option.opts, *option.secondary_opts]
 
 
 def long_options(command: Command) -> set[str]:
@@ -49,7 +57,7 @@ def long_options(command: Command) -> set[str]:
         app = typer.Typer(add_completion=False)
         app.command()(loaded)
         below = {"": typer.main.get_command(app)}.values()
-    return {name for leaf in below for option in leaf.params for name in option.opts if name[:2] == "--"}
+    return {name for leaf in below for option in leaf.params for name in spellings(option) if name[:2] == "--"}
 
 
 def test_every_reason_is_explained_with_cause_and_remedy_and_every_stage_has_a_row() -> None:
@@ -82,7 +90,9 @@ def test_every_command_has_a_section_with_its_options_and_no_others() -> None:
     for command in COMMANDS:
         rows = re.findall(r"^\| (.*?) \|", sections(CLI, "##")[f"palletloc {command.name}"], re.MULTILINE)
         described = set(re.findall(r"--[a-z]+(?:-[a-z]+)*", " ".join(rows)))
-        assert described == long_options(command) - {"--help"}, command.name
+        assert described == long_options(command) - COMMON, command.name
+        assert long_options(command) >= {"--json", "--quiet"}
+    assert set(re.findall(r"^\| `(--\w+)`", CLI.split("\n## ")[0], re.MULTILINE)) == COMMON
 
 
 def test_every_method_is_named() -> None:

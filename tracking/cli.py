@@ -6,23 +6,23 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich import box
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-from rich.table import Table
-from rich.text import Text
 
 from palletloc.choices import Method
+from palletloc.cli import options
+from palletloc.cli.help import FLAG, INPUT, RESULTS
+from palletloc.cli.showing import Shown, progress, say_all, shows
 
 if TYPE_CHECKING:
-    from palletloc.config import LocalizerConfig
+    from rich.table import Table
+
     from palletloc.io.recording import Recording
     from palletloc.io.tracks import TrackRow
     from palletloc.io.truth import Truth
     from palletloc.measurement import PalletMeasurement
+    from palletloc.recording_run import Job
     from tracking.config import TrackerConfig
     from tracking.events import Event
     from tracking.recording import TrackedRecording
@@ -31,26 +31,30 @@ _ONLY_WITH_IMAGES = ("method", "strict", "resume", "verbose")
 """Options that say how to localize; they have no meaning where measurements are given."""
 
 
+@shows
 def track(
     context: typer.Context,
-    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="Folder of the recording.")],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results; made if missing.")],
-    method: Annotated[Method, typer.Option(help="How poses are measured.")] = Method.REFINED,
-    config: Annotated[
-        Path | None, typer.Option(metavar="YAML", help="Parameters of your own; see palletloc config.")
-    ] = None,
+    recording: options.RecordingFolder,
+    out: options.OutFolder,
+    method: options.MethodName = Method.REFINED,
+    config: options.Parameters = None,
     smooth: Annotated[
-        bool, typer.Option("--smooth", help="Also write each track as all shots together know it.")
+        bool,
+        typer.Option(
+            "--smooth",
+            metavar=FLAG,
+            rich_help_panel=RESULTS,
+            help="Also write each track as all shots together know it.",
+        ),
     ] = False,
     measurements: Annotated[
-        Path | None, typer.Option(metavar="CSV", help="Track these measurements.csv; no image is read.")
+        Path | None,
+        typer.Option(metavar="CSV", rich_help_panel=INPUT, help="Track these measurements.csv; no image is read."),
     ] = None,
-    strict: Annotated[bool, typer.Option("--strict", help="Stop at the first shot that cannot be used.")] = False,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Go on with an interrupted run; try its skipped shots again.")
-    ] = False,
-    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Say what each shot gives.")] = False,
-) -> None:
+    strict: options.Strict = False,
+    resume: options.Resume = False,
+    verbose: options.Verbose = False,
+) -> Shown:
     """Follow the pallets of a recording from shot to shot.
 
     Measures the pallets in each shot, as palletloc localize does, and fuses them with the odometry. Adds tracks.csv,
@@ -59,59 +63,61 @@ def track(
     from palletloc.config import LocalizerConfig
     from palletloc.io.config_file import read_config
     from palletloc.io.recording import read_recording
+    from palletloc.recording_run import read_job
     from tracking.config import TrackerConfig, read_tracker_config
-    from tracking.recording import read_measured, write_run
+    from tracking.recording import check_used, read_measured, write_run
 
-    console = Console(stderr=True)
     parameters = LocalizerConfig() if config is None else read_config(config)
     tracker = TrackerConfig() if config is None else read_tracker_config(config)
     if measurements is not None:
         _refuse_others(context)
         given = read_recording(recording)
+        say_all(given.notes)
         truth = _truth_of(given)
         inputs = Inputs(given, read_measured(measurements, given))
     else:
-        truth = _truth_of(read_recording(recording))
-        inputs = _localized(recording, out, method, parameters, console, (strict, resume, verbose))
-    run = _tracked(inputs, tracker, console, smooth=smooth)
+        job = read_job(recording, method, parameters)
+        say_all(job.recording.notes)
+        truth = _truth_of(job.recording)
+        inputs = _localized(job, out, (strict, resume, verbose), config)
+    run = _tracked(inputs, tracker, smooth=smooth)
+    check_used(run)
     write_run(out, run, _picture(run, truth))
-    stdout = Console()
-    stdout.print(_table(run))
-    for line in (_tally(inputs, run), f"results: {out}"):
-        stdout.print(Text(line), soft_wrap=True)
+    return Shown(_document(inputs, run, out), (_table(run), _tally(inputs, run), f"results: {out}"))
 
 
+@shows
 def config(
     file: Annotated[
         Path | None,
         typer.Option("--file", metavar="YAML", help="Your own parameters; the others keep their defaults."),
     ] = None,
-) -> None:
+) -> Shown:
     """Print every parameter with its default.
 
     The output is YAML. Put it into a file, change what you like, delete the rest, and give the file to
     palletloc localize --config or palletloc track --config.
     """
+    import yaml
+
     from palletloc.io.config_file import format_config, read_config
     from tracking.config import format_tracker_config, read_tracker_config
 
     parameters = None if file is None else read_config(file)
     tracker = None if file is None else read_tracker_config(file)
-    typer.echo(f"{format_config(parameters)}\n{format_tracker_config(tracker)}", nl=False)
+    text = f"{format_config(parameters)}\n{format_tracker_config(tracker)}"
+    return Shown(yaml.safe_load(text), (text.rstrip("\n"),))
 
 
-def demo(
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results; made if missing.")] = Path(
-        "palletloc-demo"
-    ),
-) -> None:
+@shows
+def demo(out: options.OutFolder = Path("palletloc-demo")) -> Shown:
     """Localize, track and evaluate the sample that comes along.
 
     Writes what palletloc localize, track, evaluate and explain write, and index.html, which shows and links it all.
     """
     from tracking.demo import run_demo
 
-    run_demo(out)
+    return run_demo(out)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,27 +147,20 @@ def _truth_of(recording: Recording) -> Truth | None:
     return read_truth(recording.folder) if path_file(recording.folder) else None
 
 
-def _localized(
-    folder: Path,
-    out: Path,
-    method: Method,
-    parameters: LocalizerConfig,
-    console: Console,
-    how: tuple[bool, bool, bool],
-) -> Inputs:
+def _localized(job: Job, out: Path, how: tuple[bool, bool, bool], config: Path | None) -> Inputs:
     """Localize the pallets of a recording, and take their poses from the file, as a later run would."""
     from palletloc.cli.localize import Tally, fill
     from palletloc.io.run_folder import MEASUREMENTS, Run, RunFolder
-    from palletloc.recording_run import read_job
     from tracking.files import remove_run
     from tracking.recording import read_measured
 
-    strict, resume, verbose = how
-    job = read_job(folder, method, parameters)
-    run = Run.of(job.recording, str(method), repr(parameters))
-    output = RunFolder(out, run, folder, job.shots, resume=resume)
+    (strict, resume, verbose), method = how, job.localizer.method
+    run = Run.of(job.recording, str(method), repr(job.localizer.config))
+    output = RunFolder(out, run, job.recording.folder, job.shots, resume=resume)
     try:
-        fill(output, job, Tally(), console, strict=strict, verbose=verbose)
+        options = [] if config is None else ["--config", str(config)]
+        options += [] if method is Method.REFINED else ["--method", str(method)]
+        fill(output, job, Tally(), options, strict=strict, verbose=verbose)
     except KeyboardInterrupt:
         if output.done:
             remove_run(out)  # tracks of other measurements than those that are there now
@@ -170,19 +169,12 @@ def _localized(
     return Inputs(job.recording, read_measured(out / MEASUREMENTS, job.recording), unread)
 
 
-def _tracked(inputs: Inputs, config: TrackerConfig, console: Console, *, smooth: bool) -> TrackedRecording:
+def _tracked(inputs: Inputs, config: TrackerConfig, *, smooth: bool) -> TrackedRecording:
     from tracking.recording import track_recording
 
-    columns = (TextColumn("Tracking"), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
-        bar = progress.add_task("", total=len(inputs.recording.shots))
+    with progress("Tracking", len(inputs.recording.shots)) as advance:
         return track_recording(
-            inputs.recording,
-            inputs.measured,
-            config,
-            inputs.unread,
-            smooth=smooth,
-            follow=lambda _: progress.advance(bar),
+            inputs.recording, inputs.measured, config, inputs.unread, smooth=smooth, follow=lambda _: advance()
         )
 
 
@@ -196,33 +188,61 @@ def _picture(run: TrackedRecording, truth: Truth | None) -> bytes:
 
 def _table(run: TrackedRecording) -> Table:
     """Return the tracks as they were last known."""
-    from tracking.events import EventKind
+    from rich.text import Text
 
-    table = Table(box=box.SIMPLE_HEAD, padding=0, show_edge=False)
-    for heading in ("", "model", "state"):
-        table.add_column(heading, no_wrap=True)
-    plus_minus = "\N{PLUS-MINUS SIGN}"
-    for heading in ("hits", f"x m {plus_minus}mm", "y", "z", "yaw \N{DEGREE SIGN}"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    from palletloc.cli.tables import POSE_HEADINGS, new_table, pose_cells
+
     last = {row.track: row for row in run.rows}
-    lost = {event.track for event in run.events if event.kind is EventKind.LOST}
     troubles = {number: _troubles(run.events, number) for number in last}
-    if any(troubles.values()):
-        table.add_column("events")
+    table = new_table(["", "model", "state"], ["hits", *POSE_HEADINGS], ["events"] if any(troubles.values()) else [])
     for number, row in sorted(last.items()):
-        state = "lost" if number in lost else str(row.status)
-        cells = [str(number), row.model, state, str(row.hits), *_pose(row), troubles[number]]
+        poses = pose_cells(row.pose, row.covariance)
+        cells: list[str | Text] = [
+            str(number),
+            Text(row.model),
+            _state(run, row),
+            str(row.hits),
+            *poses,
+            troubles[number],
+        ]
         table.add_row(*cells[: len(table.columns)])
     return table
 
 
-def _pose(row: TrackRow) -> list[str]:
-    import numpy as np
+def _state(run: TrackedRecording, row: TrackRow) -> str:
+    """Return what became of a track."""
+    from tracking.events import EventKind
 
-    pose, sigma = row.pose, np.sqrt(np.maximum(np.diag(row.covariance), 0.0))
-    places = zip((pose.x, pose.y, pose.z), 1000 * sigma[:3], strict=True)
-    cells = [f"{value:.3f} \N{PLUS-MINUS SIGN}{sigma_mm:.{1 if sigma_mm < 10 else 0}f}" for value, sigma_mm in places]
-    return [*cells, f"{np.degrees(pose.yaw):.2f} \N{PLUS-MINUS SIGN}{np.degrees(sigma[3]):.2f}"]
+    lost = any(event.track == row.track and event.kind is EventKind.LOST for event in run.events)
+    return "lost" if lost else str(row.status)
+
+
+def _document(inputs: Inputs, run: TrackedRecording, out: Path) -> dict[str, Any]:
+    """Return the same in plain values."""
+    fates = Counter(str(event.kind) for event in run.events)
+    keys = ("x_m", "y_m", "z_m", "yaw_rad")
+    tracks = [
+        {
+            "track": number,
+            "model": row.model,
+            "state": _state(run, row),
+            "hits": row.hits,
+            "time_s": row.time,
+            **dict(zip(keys, row.pose.as_array(), strict=True)),
+            "sigma": dict(zip(keys, abs(row.covariance.diagonal()) ** 0.5, strict=True)),
+            "events": _troubles(run.events, number),
+        }
+        for number, row in sorted({row.track: row for row in run.rows}.items())
+    ]
+    return {
+        "out": out,
+        "shots": len(inputs.recording.shots),
+        "not_usable": len(inputs.unread),
+        "measurements": len(inputs.measured),
+        "events": fates,
+        "tracks": tracks,
+        "summary": _tally(inputs, run),
+    }
 
 
 def _troubles(events: Iterable[Event], number: int) -> str:

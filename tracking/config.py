@@ -84,7 +84,8 @@ class LifeConfig:
     max_sigma_m: float = 0.5
     """Standard deviation of its place on the floor above which a track is lost."""
     recovery_hits: int = 3
-    """Rejected measurements in a row that agree with each other until the track begins anew from them."""
+    """Rejected measurements that agree with each other until the track begins anew from them: so many in a row, or so
+    many more than the track took in that time."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from importlib.resources import as_file, files
 from pathlib import Path
 from statistics import median
+from typing import Any
 
 import numpy as np
-from rich import box
-from rich.console import Console
 from rich.table import Table
-from rich.text import Text
 
+from palletloc.cli.showing import Shown, working
+from palletloc.cli.tables import new_table
 from palletloc.evaluation.pose_error import PalletEstimate, offsets
 from palletloc.evaluation.recording import EvaluatedRecording, evaluate_recording, write_results
 from palletloc.evaluation.run import (
@@ -35,29 +35,32 @@ PAGE, PICTURES = "index.html", "pictures"
 """Names of what the demo adds to the files of a run and of its evaluation: the page, and the folder of pictures."""
 
 
-def run_demo(out: Path) -> None:
+def run_demo(out: Path) -> Shown:
     """Localize, track and evaluate the sample, and write a page about it all.
 
     Parameters
     ----------
     out : Path
         Folder for the results; made if missing.
+
+    Returns
+    -------
+    Shown
+        The errors of single shots, tracks and smoothed tracks.
     """
-    console = Console(stderr=True)
-    with as_file(files("palletloc") / "sample") as sample:
+    with as_file(files("palletloc") / "sample") as sample, working("Localizing") as now:
         job, truth = read_job(sample), read_recording_truth(sample)
-        with console.status("Localizing"):
-            outcomes = _localize(job, out, sample)
-        with console.status("Tracking"):
-            tracked = _track(job, out)
-        with console.status("Evaluating"):
-            evaluated = evaluate_recording(truth, [read_run(out, truth.recording, "demo")], Settings())
-            smoothed = _smoothed(truth, tracked, out)
-        with console.status("Drawing"):
-            _report(job, outcomes, tracked, evaluated, smoothed, out)
-    stdout = Console()
-    stdout.print(_table(_named(evaluated, smoothed)))
-    stdout.print(Text(f"look at {out / PAGE}"), soft_wrap=True)
+        outcomes = _localize(job, out, sample)
+        now("Tracking")
+        tracked = _track(job, out)
+        now("Evaluating")
+        evaluated = evaluate_recording(truth, [read_run(out, truth.recording, "demo")], Settings())
+        smoothed = _smoothed(truth, tracked, out)
+        now("Drawing")
+        _report(job, outcomes, tracked, evaluated, smoothed, out)
+    sources = _named(evaluated, smoothed)
+    document = {"out": out, "page": out / PAGE, "sources": {name: _sizes(each) for name, each in sources.items()}}
+    return Shown(document, (_table(sources), f"look at {out / PAGE}"))
 
 
 def _localize(job: Job, out: Path, sample: Path) -> list[ShotOutcome]:
@@ -109,7 +112,7 @@ def _report(
         tracks=tuple({row.track: row for row in tracked.rows}.values()),
         size=(job.recording.camera.width, job.recording.camera.height),
         seconds_per_shot=median(outcome.duration for outcome in outcomes),
-        pictures=write_explanation(job, explanation, out / PICTURES),
+        pictures=write_explanation(job, explanation, out / PICTURES).pictures,
         explained=explanation.shot.file,
         folder=PICTURES,
     )
@@ -121,17 +124,32 @@ def _named(evaluated: EvaluatedRecording, smoothed: EvaluatedSource) -> dict[str
     return {"single shots": sources[SHOTS_SOURCE], "tracks": sources[TRACKS_SOURCE], "tracks, smoothed": smoothed}
 
 
+_QUANTITIES = (
+    ("yaw_deg", "yaw \N{DEGREE SIGN}", 3, 180 / np.pi, 2),
+    ("depth_mm", "depth mm", 0, 1000.0, 1),
+    ("along_mm", "along mm", 1, 1000.0, 1),
+    ("height_mm", "height mm", 2, 1000.0, 1),
+)
+"""Key, title, number of the component, how many of the unit are in a metre or radian, and decimals."""
+
+
+def _sizes(source: EvaluatedSource) -> dict[str, Any]:
+    """Return median and 95 % of the absolute errors, and how many pallets were found."""
+    sizes, found = np.abs(offsets(source.errors)), source.detection.found
+    ends = {
+        key: dict(zip(("median", "p95"), scale * np.percentile(sizes[:, column], (50, 95)), strict=True))
+        for key, _, column, scale, _ in _QUANTITIES
+        if len(sizes)
+    }
+    return {"found": found.successes, "of": found.trials, **ends}
+
+
 def _table(sources: dict[str, EvaluatedSource]) -> Table:
     title = "median / 95 % of the absolute errors"
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), title=title, title_justify="left")
-    table.add_column("", no_wrap=True)
-    for heading in ("found", "yaw \N{DEGREE SIGN}", "depth mm", "along mm", "height mm"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    table = new_table([""], ["found", *(heading for _, heading, *_ in _QUANTITIES)], title=title)
     for name, source in sources.items():
-        sizes, found = np.abs(offsets(source.errors)), source.detection.found
-        cells = []
-        for column, scale, digits in ((3, 180 / np.pi, 2), (0, 1000.0, 1), (1, 1000.0, 1), (2, 1000.0, 1)):
-            ends = scale * np.percentile(sizes[:, column], (50, 95)) if len(sizes) else ()
-            cells.append(" / ".join(f"{value:.{digits}f}" for value in ends))
-        table.add_row(name, f"{found.successes} of {found.trials}", *cells)
+        values = _sizes(source)
+        ends = [(values.get(key, {}), digits) for key, *_, digits in _QUANTITIES]
+        cells = [" / ".join(f"{value:.{digits}f}" for value in pair.values()) for pair, digits in ends]
+        table.add_row(name, f"{values['found']} of {values['of']}", *cells)
     return table

@@ -43,6 +43,10 @@ class UnknownShotError(PalletLocError):
     """Measurements that are not of the recording; names the file, the time and what was expected."""
 
 
+class UselessInputError(PalletLocError):
+    """A recording or measurements of which nothing can be used; names the folder and the first reason."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ShotTracks:
     """What was known right after a shot, from all that had arrived until then."""
@@ -185,6 +189,28 @@ def track_recording(
             follow(shots[-1])
     later = _later(recording, tracker) if smooth else None
     return TrackedRecording(recording, tuple(measured), tuple(shots), tuple(events), later)
+
+
+def check_used(run: TrackedRecording) -> None:
+    """Check that something of what a run was given could be used.
+
+    Raises
+    ------
+    UselessInputError
+        If no measurement went to the place of a track or began one, or no odometry could be used; gives the first
+        reason.
+    """
+    reasons = [event.reason for event in run.events if event.kind is EventKind.REJECTED]
+    used = any(event.track is not None or event.kind is EventKind.GATED for event in run.events)
+    samples = len(run.recording.odometry.times)
+    if run.measured and not used:
+        what = f"none of {len(run.measured)} measurements"
+    elif len(reasons) >= samples + len(run.measured):
+        what = f"none of {samples} rows of odometry"
+    else:
+        return
+    first = reasons[0] if reasons else "no odometry at its time"
+    raise UselessInputError(f"{run.recording.folder}: {what} can be used; the first: {first}")
 
 
 def _telling(events: Iterable[Event]) -> Iterator[Event]:

@@ -29,7 +29,7 @@ from tracking.track import Track
 from tracking.validation import BadInputError
 from tracking.window import Clock, Window
 
-VERSION = 3
+VERSION = 4
 """Of the form; another one is refused."""
 LEAST_CORRELATION = -1e-6
 """Smallest eigenvalue of the correlations of a state: rounding leaves less than that below zero."""
@@ -224,8 +224,8 @@ def _check_belief(memory: Memory) -> None:
         _check_state(track.state, 1, f"tracks.{i}.state")
         if not _own_part_agrees(track.state, known[track.key]):
             raise fault(f"tracks.{i}.state", "expected what its group knows of the pallet")
-        if track.rejected is not None:
-            _check_state(track.rejected.state, 1, f"tracks.{i}.rejected.state")
+        for j, series in enumerate(track.rejected):
+            _check_state(series.state, 1, f"tracks.{i}.rejected.{j}.state")
 
 
 def _check_times(memory: Memory) -> None:

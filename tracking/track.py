@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.track_status import Status
 from tracking.config import LifeConfig
 from tracking.state import POSE, Gaussian, Key
 
+RECALL = 8
+"""Measurements of a track that rejected ones are counted against at most; after as many without one of its own, a
+series is forgotten. Where every third is off, less than 4 % of the pauses are longer."""
+MOST_SERIES = 3
+"""How many series of rejected measurements are kept beside a track: the others are scattered."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RejectedSeries:
-    """Measurements in a track's place that its gate rejected, fused with each other."""
+    """Measurements in a track's place that its gate rejected and that agree with each other: another hypothesis."""
 
     state: Gaussian
     """What is known of the pallet by them."""
@@ -21,6 +27,37 @@ class RejectedSeries:
     """The pallet model that they name."""
     hits: int
     """How many there are."""
+    row: int
+    """How many came in a row at last, without another measurement in the track's place."""
+    lead: int
+    """How many more there are than the track took in that time, of which up to `RECALL` before it count."""
+    idle: int = 0
+    """Measurements that the track took since the last of them."""
+    mixed: bool = False
+    """Whether the track took measurements since the first of them."""
+
+    def joined(self, state: Gaussian) -> RejectedSeries:
+        """Return the series with one more measurement, in the state after it."""
+        return replace(self, state=state, hits=self.hits + 1, row=self.row + 1, lead=self.lead + 1, idle=0)
+
+    def opposed(self) -> RejectedSeries:
+        """Return the series after a measurement that the track took."""
+        lead = max(self.lead - 1, -RECALL)
+        return replace(self, row=0, lead=lead, idle=self.idle + 1, mixed=True)
+
+    def outweighs(self, config: LifeConfig) -> bool:
+        """Tell whether the pallet is where the series says, not where its track is.
+
+        It is where so many came in a row that the pallet must have moved, or so many more than the track took that
+        the track must have begun with what was the exception.
+
+        Parameters
+        ----------
+        config : LifeConfig
+            How many these are.
+        """
+        needed = config.recovery_hits
+        return self.lead >= needed or (self.row >= needed and not self.mixed)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,8 +82,13 @@ class Track:
     """Normalised innovation squared of its last measurement; None where none followed the first."""
     ratios: tuple[float, ...] = ()
     """The last ones over their degrees of freedom, each times the factor that the covariance had."""
-    rejected: RejectedSeries | None = None
-    """The last measurements in its place that its gate rejected, where they agree with each other."""
+    rejected: tuple[RejectedSeries, ...] = ()
+    """Measurements in its place that its gate rejected, those together that agree with each other."""
+
+    @property
+    def is_contested(self) -> bool:
+        """Whether as many rejected measurements agree with each other as it took in that time, or more."""
+        return any(series.lead >= 0 for series in self.rejected)
 
     @property
     def pose(self) -> LevelPose:

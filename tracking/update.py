@@ -21,7 +21,7 @@ from tracking.gating import Association, chi_square_limit
 from tracking.motion import Motion
 from tracking.observation import ALL, Observation
 from tracking.state import POSE, Gaussian, Key, TrackGroup, regrouped
-from tracking.track import RejectedSeries, Track, floor_sigma
+from tracking.track import MOST_SERIES, RECALL, RejectedSeries, Track, floor_sigma
 
 _KEY = attrgetter("key")
 """By which tracks are put in order."""
@@ -184,10 +184,13 @@ def _predicted(before: Belief, motion: Motion, model: UpdateModel) -> tuple[list
     groups = model.filter.predict_groups(before.groups, motion)
     states = {key: state for group in groups for key, state in group.members.items()}
     tracks = [track.moved(states[track.key]) for track in before.tracks]
-    series = {i: track.rejected for i, track in enumerate(tracks) if track.rejected is not None}
-    after = model.filter.predict([rejected.state for rejected in series.values()], motion)
-    for (i, rejected), state in zip(series.items(), after, strict=True):
-        tracks[i] = replace(tracks[i], rejected=replace(rejected, state=state))
+    series = [rejected for track in tracks for rejected in track.rejected]
+    if series:
+        after = iter(model.filter.predict([rejected.state for rejected in series], motion))
+        tracks = [
+            replace(track, rejected=tuple(replace(rejected, state=next(after)) for rejected in track.rejected))
+            for track in tracks
+        ]
     return tracks, groups
 
 
@@ -198,8 +201,11 @@ def _measured(track: Track, hit: Association, state: Gaussian, time: float, conf
         ratio = hit.scale * hit.distance / len(hit.observation.components)
         ratios = (*ratios, ratio)[-config.gate.adapt_over :]
     hits = track.hits + 1
-    confirmed = track.confirmed or hits >= config.life.confirm_hits
-    return Track(track.key, track.model, state, time, hits, confirmed=confirmed, nis=hit.distance, ratios=ratios)
+    rejected = tuple(series.opposed() for series in track.rejected if series.idle < RECALL)
+    found = Track(track.key, track.model, state, time, hits, 0, track.confirmed, hit.distance, ratios, rejected)
+    if found.confirmed or hits < config.life.confirm_hits or found.is_contested:
+        return found
+    return replace(found, confirmed=True)
 
 
 def _with_others(
@@ -275,27 +281,49 @@ def _contradicted(track: Track, observation: Observation, time: float, model: Up
     """Return a track after a measurement in its place that is not its own, and whether it began anew from it.
 
     Rejected measurements that agree with each other are no outliers: a gate alone would shut them out for ever.
-    Those of a track that was seen in the same shot do not count.
+    Those of a track that was seen in the same shot do not count. What the track was before becomes one more series,
+    so that a change that was wrong is taken back as soon as the count says so.
     """
     if not observation.is_whole or track.seen == time:
         return track, False
-    rejected, life = _extended(track.rejected, observation, model), model.config.life
-    state, hits = rejected.state, rejected.hits
-    if hits < life.recovery_hits:
-        return replace(track, rejected=rejected), False
-    confirmed = track.confirmed or hits >= life.confirm_hits
-    return Track(track.key, rejected.model, state, time, hits, confirmed=confirmed), True
+    series, life = _extended(track, observation, model), model.config.life
+    best, *others = series
+    if not best.outweighs(life):
+        return replace(track, rejected=series), False
+    former = RejectedSeries(track.state, track.model, track.hits, 0, 0, mixed=True)
+    rejected = [
+        replace(each, row=0, lead=max(each.lead - best.lead, -RECALL), mixed=True) for each in (former, *others)
+    ]
+    confirmed = track.confirmed or best.hits >= life.confirm_hits
+    renewed = Track(
+        track.key,
+        best.model,
+        best.state,
+        time,
+        best.hits,
+        confirmed=confirmed,
+        rejected=tuple(rejected[:MOST_SERIES]),
+    )
+    return renewed, True
 
 
-def _extended(rejected: RejectedSeries | None, observation: Observation, model: UpdateModel) -> RejectedSeries:
-    """Return a series after one more rejected measurement, or a new one where that does not agree with it."""
+def _extended(track: Track, observation: Observation, model: UpdateModel) -> tuple[RejectedSeries, ...]:
+    """Return the series of a track's rejected measurements after one more: first that to which it belongs."""
     group_filter = model.filter
-    if rejected is not None and rejected.model == observation.model:
-        limit = chi_square_limit(model.config.gate.probability, len(ALL))
-        if group_filter.innovation(rejected.state, observation).distance <= limit:
-            state = group_filter.update(rejected.state, [(0, Association(observation))])
-            return RejectedSeries(state, rejected.model, rejected.hits + 1)
-    return RejectedSeries(group_filter.begin(observation), observation.model, 1)
+    limit = chi_square_limit(model.config.gate.probability, len(ALL))
+    distances = [
+        group_filter.innovation(series.state, observation).distance if series.model == observation.model else math.inf
+        for series in track.rejected
+    ]
+    nearest = min(range(len(distances)), key=distances.__getitem__, default=None)
+    if nearest is None or distances[nearest] > limit:
+        own = RejectedSeries(group_filter.begin(observation), observation.model, 1, 1, 1 - min(track.hits, RECALL))
+    else:
+        own = track.rejected[nearest]
+        own = own.joined(group_filter.update(own.state, [(0, Association(observation))]))
+    others = [replace(each, row=0) for i, each in enumerate(track.rejected) if own.hits == 1 or i != nearest]
+    others.sort(key=lambda each: (-each.lead, each.idle))
+    return (own, *others[: MOST_SERIES - 1])
 
 
 def _exclusive(tracks: Sequence[Track], model: UpdateModel) -> tuple[list[Track], list[tuple[Key, str]]]:

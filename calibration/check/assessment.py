@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import norm
 
 from calibration.check.mounting import MountingCheck, measure_turn
-from calibration.findings import Finding, Severity, exit_code
+from calibration.findings import Finding, Severity, exit_code, notes_on_input
 from calibration.shelf.plane import CHANCE
 from palletloc.io.camera_spec import angles_from_transform
 from palletloc.io.recording import read_recording
@@ -71,7 +71,8 @@ def check_mounting(
 
 def assess_check(check: MountingCheck, tolerance: float) -> CheckAssessment:
     """Judge a check; the tolerance of roll and pitch is in radians."""
-    return CheckAssessment(check, tolerance, tuple(_findings(check, tolerance)))
+    findings = (*_findings(check, tolerance), *notes_on_input(check.recording.notes))
+    return CheckAssessment(check, tolerance, findings)
 
 
 def _findings(check: MountingCheck, tolerance: float) -> Iterator[Finding]:

@@ -12,7 +12,7 @@ from calibration.formats.camera_file import FiledCamera, filed_lens, filed_shape
 from calibration.formats.fields import Fields
 from palletloc.cameras import CameraModel
 
-MODELS = ("kannala_brandt", "double_sphere", "eucm", "pinhole")
+MODELS = ("kannala_brandt", "double_sphere", "eucm", "pinhole", "rational_pinhole")
 """What the format can hold."""
 _MODELS = {"ds": "double_sphere", "eucm": "eucm", "kb4": "kannala_brandt", "pinhole": "pinhole"}
 """The format's names of models that have one form."""
@@ -70,7 +70,7 @@ def _camera(fields: Fields, size: tuple[int, int]) -> CameraModel:
     values = fields.at("intrinsics")
     lens, shape = ([values.at(key).number() for key in keys] for keys in (_LENS, _KINDS[kind]))
     if any(shape[5:]):
-        raise values.fault("no terms beyond k3: a rational distortion has no form here")
+        return filed_lens(values, "rational_pinhole", size, lens, shape)
     if kind == "ucm":
         return filed_lens(values, "eucm", size, lens, [*shape, 1.0])
     return filed_lens(values, _MODELS.get(kind, "pinhole"), size, lens, shape[:5])
@@ -109,7 +109,7 @@ def _pose(first_from_camera: RigidTransform) -> dict[str, float]:
 
 def _entry(camera: CameraModel) -> dict[str, object]:
     model, lens, shape = filed_shape(camera, MODELS, "basalt")
-    kind = next(kind for kind, name in _MODELS.items() if name == model)
+    kind = next((kind for kind, name in _MODELS.items() if name == model), "pinhole-radtan8")
     if model == "pinhole":
         kind, shape = ("pinhole-radtan8", [*shape, 0.0, 0.0, 0.0]) if any(shape) else ("pinhole", [])
     return {"camera_type": kind, "intrinsics": dict(zip(_LENS + _KINDS[kind], [*lens, *shape], strict=True))}

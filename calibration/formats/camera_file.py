@@ -36,11 +36,15 @@ class FiledCamera:
     """How it images."""
     first_from_camera: RigidTransform
     """Where it is in the first camera's frame; both frames x forward, y left, z up."""
+    note: str = ""
+    """What was decided when it was read that the user should know."""
+    placed: bool = True
+    """Whether the file says where it is."""
 
 
-def alone(name: str, camera: CameraModel) -> FiledCamera:
+def alone(name: str, camera: CameraModel, note: str = "") -> FiledCamera:
     """Return a camera that is the only one."""
-    return FiledCamera(name, camera, RigidTransform.identity())
+    return FiledCamera(name, camera, RigidTransform.identity(), note)
 
 
 def built(fields: Fields, build: Callable[[], CameraModel]) -> CameraModel:

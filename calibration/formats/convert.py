@@ -9,16 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.formats import adapter, basalt, kalibr, ocam, opencv, ros
-from calibration.formats.camera_file import FiledCamera, alone, as_cameras, camera_text, side_by_side
-from calibration.formats.fields import FormatError, read_json, read_yaml
+from calibration.formats import basalt, camera_matrix, kalibr, ocam
+from calibration.formats.any_format import read_cameras as read_cameras
+from calibration.formats.camera_file import FiledCamera, alone, camera_text, side_by_side
 from calibration.lenses.conversion import ConversionError, LensDifference, convert_lens, difference
 from calibration.lenses.models import MODELS, lens_model, model_of
 from palletloc.cameras import CameraModel, DualFisheye, Equirectangular, KannalaBrandt
 from palletloc.errors import PalletLocError, nearest_name
 from palletloc.io.atomic import write_text
-from palletloc.io.camera_spec import camera_in
-from palletloc.io.reading import read_text, require_file
 
 _DUAL = "dual_fisheye"
 """Name of the model of two fisheyes side by side."""
@@ -38,6 +36,8 @@ class Conversion:
     """Its model in the file that was written."""
     differences: tuple[LensDifference, ...]
     """Of each camera: the written file against the one that was read."""
+    notes: tuple[str, ...] = ()
+    """What was decided when the file was read, each with its camera."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,51 +69,18 @@ _FORMATS = {
     "kalibr": _Format(kalibr.MODELS, _YAML, lambda cameras, _: kalibr.kalibr_text(cameras)),
     "basalt": _Format(basalt.MODELS, (".json",), lambda cameras, _: basalt.basalt_text(cameras)),
     "ros": _Format(
-        ros.MODELS, _YAML, lambda cameras, _: ros.camera_info_text(_single(cameras).camera, cameras[0].name)
+        camera_matrix.ROS_MODELS,
+        _YAML,
+        lambda cameras, _: camera_matrix.camera_info_text(_single(cameras).camera, cameras[0].name),
     ),
     "opencv": _Format(
-        opencv.MODELS,
+        camera_matrix.OPENCV_MODELS,
         (".xml", ".yml", ".yaml", ".json"),
-        lambda cameras, out: opencv.opencv_text(_single(cameras).camera, out.suffix.lower()),
+        lambda cameras, out: camera_matrix.opencv_text(_single(cameras).camera, out.suffix.lower()),
     ),
     "ocam": _Format(ocam.MODELS, (".txt",), _ocam_text),
 }
 """The forms that can be written, by name."""
-
-
-def read_cameras(path: Path) -> list[FiledCamera]:
-    """Return the cameras of a file, whichever program wrote it.
-
-    Parameters
-    ----------
-    path : Path
-        Ours, or of Kalibr, basalt, ROS, OpenCV, OCamCalib or fisheye-calib-adapter.
-
-    Raises
-    ------
-    InputError
-        If it is none of them, or does not hold what its form says; names file and key.
-    """
-    text = read_text(require_file(path, "a camera file of any known format"))
-    if path.suffix.lower() == ".txt":
-        return ocam.read_ocam(path)
-    if text.lstrip().startswith(("<?xml", "%YAML")):
-        return opencv.read_opencv(path)
-    fields = read_json(path) if path.suffix.lower() == ".json" else read_yaml(path)
-    if fields.has("value0"):
-        return basalt.read_basalt(fields)
-    if fields.has("cam0"):
-        return kalibr.read_kalibr(fields)
-    if fields.has("image") and fields.has("parameter"):
-        return adapter.read_adapter(fields)
-    if fields.has("camera"):
-        return as_cameras(camera_in(path, fields.value), "camera")
-    if fields.has("camera_matrix") and fields.at("camera_matrix").value is not None:
-        return opencv.read_opencv(path) if path.suffix.lower() == ".json" else ros.read_camera_info(fields)
-    raise FormatError(
-        f"{path}: is no camera file; expected the keys camera (palletloc), cam0 (Kalibr), value0 (basalt),"
-        " camera_matrix (ROS, OpenCV) or parameter (fisheye-calib-adapter), or a .txt of OCamCalib"
-    )
 
 
 def convert_camera(
@@ -144,7 +111,12 @@ def convert_camera(
     if number is not None:
         if not 0 <= number < len(cameras):
             raise PalletLocError(f"--camera {number}: {source} has the cameras 0 to {len(cameras) - 1}")
-        cameras = [alone(cameras[number].name, cameras[number].camera)]
+        cameras = [alone(cameras[number].name, cameras[number].camera, cameras[number].note)]
+    if len(cameras) > 1 and not all(filed.placed for filed in cameras):
+        raise PalletLocError(
+            f"{source}: does not say where its {len(cameras)} cameras are against each other; expected --camera with"
+            f" one of 0 to {len(cameras) - 1}"
+        )
     if model == _DUAL:
         return _pair(source, cameras, out)
     converted = [_converted(filed, form, model, max_angle) for filed in cameras]
@@ -160,7 +132,8 @@ def convert_camera(
     )
     write_text(out, text)
     names = tuple(filed.name for filed in cameras)
-    return Conversion(names, _name(cameras[0].camera), _name(again[0].camera), left)
+    notes = tuple(f"{filed.name}: {filed.note}" for filed in cameras if filed.note)
+    return Conversion(names, _name(cameras[0].camera), _name(again[0].camera), left, notes)
 
 
 def _target(target: str, out: Path) -> tuple[str, str | None]:

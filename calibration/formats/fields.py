@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,13 +10,15 @@ from typing import Any
 
 import cv2
 import numpy as np
-import yaml
 
 from palletloc.errors import nearest_name
 from palletloc.geometry import FloatArray
 from palletloc.io.csv_table import shortened
 from palletloc.io.images import MAX_SIDE_PX
 from palletloc.io.reading import InputError, read_text
+
+LARGEST = 1e12
+"""Of any number in a file of cameras: pixels and metres end long before, and coefficients of r^9 too."""
 
 
 class FormatError(InputError):
@@ -37,21 +38,36 @@ class Fields:
 
     def fault(self, expected: str) -> FormatError:
         """Return the error that says what was expected here."""
-        where = f"{self.path}: {self.place}: " if self.place else f"{self.path}: "
-        return FormatError(f"{where}expected {expected}, got {shortened(self.value)}")
+        return self.wrong(f"expected {expected}, got {shortened(self.value)}")
+
+    def wrong(self, what: str) -> FormatError:
+        """Return the error that says what is wrong here."""
+        line = self.place.startswith("line ")
+        where = f"{self.path}, {self.place}: " if line else f"{self.path}: {self.place}: " if self.place else ""
+        return FormatError(f"{where or f'{self.path}: '}{what}")
 
     def has(self, key: str) -> bool:
-        """Return whether there is such a key here."""
+        """Return whether there is such a key here; ``a.b`` is the key b under a, where there is no key ``a.b``."""
+        if isinstance(self.value, dict) and key not in self.value and "." in key:
+            first, _, rest = key.partition(".")
+            return first in self.value and self.at(first).has(rest)
         return isinstance(self.value, dict) and key in self.value
 
     def at(self, key: str) -> Fields:
-        """Return what stands under a key."""
+        """Return what stands under a key, as `has` has it."""
         if not isinstance(self.value, dict):
             raise self.fault("a mapping")
+        first, _, rest = key.partition(".")
+        if key not in self.value and rest and first in self.value:
+            return self.at(first).at(rest)
         place = f"{self.place}.{key}" if self.place else key
         if key not in self.value:
             raise FormatError(f"{self.path}: {place}: is missing")
         return Fields(self.path, place, self.value[key])
+
+    def first(self, keys: Sequence[str]) -> Fields:
+        """Return what stands under the first of several keys that is there."""
+        return self.at(next((key for key in keys if self.has(key)), keys[0]))
 
     def items(self) -> list[Fields]:
         """Return the entries of a list."""
@@ -61,12 +77,14 @@ class Fields:
 
     def number(self) -> float:
         """Return a finite number."""
+        given = self.value
         try:
-            value = math.nan if isinstance(self.value, bool) else float(self.value)
+            # A bool is a number to Python, and so is "1_0"; neither is one to a reader.
+            value = math.nan if isinstance(given, bool) or (isinstance(given, str) and "_" in given) else float(given)
         except (TypeError, ValueError, OverflowError):
             value = math.nan
-        if not math.isfinite(value):
-            raise self.fault("a finite number")
+        if not abs(value) <= LARGEST:
+            raise self.fault("a finite number" if not math.isfinite(value) else f"a number up to {LARGEST:g}")
         return value
 
     def numbers(self, *counts: int) -> tuple[float, ...]:
@@ -84,6 +102,13 @@ class Fields:
         """Return a width or height in pixels."""
         return self._side(self.number())
 
+    def whole(self, least: int, most: int) -> int:
+        """Return a whole number within bounds."""
+        value = self.number()
+        if value != int(value) or not least <= value <= most:
+            raise self.fault(f"a whole number from {least} to {most}")
+        return int(value)
+
     def _side(self, value: float) -> int:
         if value != int(value) or not 0 < value <= MAX_SIDE_PX:
             raise self.fault(f"whole pixels, up to {MAX_SIDE_PX}")
@@ -98,39 +123,6 @@ class Fields:
                 f"{self.path}: {self.place}: unknown {shortened(self.value)}{nearest_name(self.value, known)}"
             )
         return self.value
-
-
-def read_yaml(path: Path) -> Fields:
-    """Read a yaml file.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read or is not yaml; names the line.
-    """
-    try:
-        return Fields(path, "", yaml.safe_load(read_text(path)))
-    except yaml.MarkedYAMLError as error:
-        line = "" if error.problem_mark is None else f", line {error.problem_mark.line + 1}"
-        raise FormatError(f"{path}{line}: is not yaml: {error.problem or error.context}") from None
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise FormatError(f"{path}: is not yaml: {' '.join(str(error).split())}") from None
-
-
-def read_json(path: Path) -> Fields:
-    """Read a JSON file.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read or is not JSON; names the line.
-    """
-    try:
-        return Fields(path, "", json.loads(read_text(path)))
-    except json.JSONDecodeError as error:
-        raise FormatError(f"{path}, line {error.lineno}: is not JSON: {error.msg}") from None
-    except RecursionError:
-        raise FormatError(f"{path}: is not JSON: too deeply nested") from None
 
 
 class StorageFile:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -33,21 +34,51 @@ _NAMES = {
     "pinhole": ("pinhole", "radtan"),
 }
 """The format's names of each model of ours and of its distortion."""
+_KEY = re.compile(r"cam\d{1,4}")
+"""A camera of a chain."""
+
+
+def camera_keys(fields: Fields) -> list[str]:
+    """Return the keys of a camchain, cam0, cam1, ..., by their numbers."""
+    keys = [key for key in (fields.value if isinstance(fields.value, dict) else ()) if isinstance(key, str)]
+    return sorted((key for key in keys if _KEY.fullmatch(key)), key=lambda key: int(key[3:]))
 
 
 def read_kalibr(fields: Fields) -> list[FiledCamera]:
-    """Return the cameras of a camchain, in its order; argument and errors as for `read_basalt`."""
-    names = sorted(key for key in fields.value if str(key).startswith("cam"))
+    """Return the cameras of a camchain, in the order of their numbers; argument and errors as for `read_basalt`."""
+    names = camera_keys(fields)
+    if len(names) == 1:
+        return [FiledCamera(names[0], _camera(fields.at(names[0])), RigidTransform.identity())]
     found, place = list[FiledCamera](), RigidTransform.identity()
     for i, name in enumerate(names):
         entry = fields.at(name)
+        if name != f"cam{i}":
+            # Each place is told against the camera before.
+            raise fields.wrong(
+                f"cam{i}: is missing, on which the place of {name} rests; expected cameras without gaps"
+            )
         if i:
-            rows = [row.numbers(4) for row in entry.at("T_cn_cnm1").items()]
-            if len(rows) != 4:
-                raise entry.at("T_cn_cnm1").fault("4 rows of 4 numbers")
-            place = place * from_optical(entry.at("T_cn_cnm1"), np.array(rows)).inv()
+            place = place * _step(fields, names[i - 1], name)
         found.append(FiledCamera(name, _camera(entry), place))
     return found
+
+
+def _step(fields: Fields, before: str, name: str) -> RigidTransform:
+    """Return the place of a camera in the frame of the one before, from either's or from an inertial sensor's."""
+    entry = fields.at(name)
+    if not entry.has("T_cn_cnm1"):
+        for key, inverted in (("T_cam_imu", False), ("T_imu_cam", True)):
+            if entry.has(key) and fields.at(before).has(key):
+                first, second = (_transform(fields.at(camera).at(key)) for camera in (before, name))
+                return first.inv() * second if inverted else first * second.inv()
+    return _transform(entry.at("T_cn_cnm1")).inv()
+
+
+def _transform(given: Fields) -> RigidTransform:
+    rows = [row.numbers(4) for row in given.items()]
+    if len(rows) != 4:
+        raise given.fault("4 rows of 4 numbers")
+    return from_optical(given, np.array(rows))
 
 
 def _camera(entry: Fields) -> CameraModel:

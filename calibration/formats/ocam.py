@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from calibration.formats.camera_file import FiledCamera, alone
-from calibration.formats.fields import FormatError
+from calibration.formats.fields import LARGEST, Fields, FormatError
+from calibration.formats.syntax import TABLE
 from palletloc.cameras import KannalaBrandt, Projection, Rays
 from palletloc.cameras.image_area import blank_invalid, inside_image
 from palletloc.geometry import FloatArray
 from palletloc.io.images import MAX_SIDE_PX
-from palletloc.io.reading import read_text
 
 MODELS = ("kannala_brandt",)
 """What the format can hold."""
@@ -91,39 +91,75 @@ class OcamCamera:
         return np.zeros(np.shape(points_camera))
 
 
-def read_ocam(path: Path) -> list[FiledCamera]:
-    """Return the camera of a file of OCamCalib.
-
-    Raises
-    ------
-    InputError
-        If it does not hold what the format says; names the line.
-    """
-    lines = [
-        (number, line)
-        for number, line in enumerate(read_text(path).splitlines(), start=1)
-        if line.strip() and not line.lstrip().startswith("#")
-    ]
+def read_ocam(fields: Fields) -> list[FiledCamera]:
+    """Return the camera of a file of OCamCalib; argument and errors as for `read_basalt`, with the line."""
+    path = fields.path
+    lines = [(row["line"], row["words"]) for row in fields.at(TABLE).value]
     if len(lines) < 5:
         raise FormatError(
             f"{path}: expected 5 lines of numbers (polynomials, centre, stretch, size), got {len(lines)}"
+            " (a table of numbers is taken for a file of OCamCalib)"
         )
     forward, inverse = (_polynomial(path, *line) for line in lines[:2])
     cy, cx = _numbers(path, *lines[2], 2)
-    c, d, e = _numbers(path, *lines[3], 3)
+    stretch = _numbers(path, *lines[3], 3)
     height, width = _numbers(path, *lines[4], 2)
     if not all(side == int(side) and 0 < side <= MAX_SIDE_PX for side in (width, height)):
         raise FormatError(
             f"{path}, line {lines[4][0]}: expected height and width in whole pixels, up to {MAX_SIDE_PX}"
         )
-    if not (0 <= cx < width and 0 <= cy < height and abs(c - d * e) > 0.1):
-        raise FormatError(f"{path}, line {lines[2][0]}: expected a centre in the image, and a stretch near 1, 0, 0")
-    if not forward[0] < 0:
-        raise FormatError(f"{path}, line {lines[0][0]}: expected a negative first coefficient, got {forward[0]:g}")
-    return [alone("camera", OcamCamera(int(width), int(height), forward, inverse, cx, cy, (c, d, e)))]
+    camera = OcamCamera(int(width), int(height), forward, inverse, cx, cy, (stretch[0], stretch[1], stretch[2]))
+    return [alone("camera", _checked(camera, *(f"{path}, line {lines[i][0]}" for i in (2, 0))))]
 
 
-def _polynomial(path: Path, number: int, line: str) -> tuple[float, ...]:
+def _checked(camera: OcamCamera, center: str, polynomial: str) -> OcamCamera:
+    """Return a camera that can be one; an error begins with the place of what is wrong."""
+    c, d, e = camera.stretch
+    if not (0 <= camera.cx < camera.width and 0 <= camera.cy < camera.height and abs(c - d * e) > 0.1):
+        raise FormatError(f"{center}: expected a centre in the image, and a stretch near 1, 0, 0")
+    if not camera.forward[0] < 0:
+        raise FormatError(f"{polynomial}: expected a negative first coefficient, got {camera.forward[0]:g}")
+    return camera
+
+
+def camodocal_ocam(fields: Fields, size: tuple[int, int]) -> OcamCamera:
+    """Return the camera of a file of CamOdoCal with the model SCARAMUZZA.
+
+    There, column = ac x + ad y + cx and row = ae x + y + cy, with x to the right and y down.
+
+    Parameters
+    ----------
+    fields : Fields
+        The whole file.
+    size : (int, int)
+        Width and height of the image, in pixels.
+
+    Raises
+    ------
+    FormatError
+        If it does not hold what the format says.
+    """
+    forward, inverse = (
+        [given.at(f"p{i}").number() for i in range(len(given.value))]
+        for given in (fields.at("poly_parameters"), fields.at("inv_poly_parameters"))
+    )
+    affine = fields.at("affine_parameters")
+    ac, ad, ae, cx, cy = (affine.at(key).number() for key in ("ac", "ad", "ae", "cx", "cy"))
+    if not ac > 0 or len(forward) < 3:
+        raise fields.wrong("expected three coefficients at least, and affine_parameters with ac near 1")
+    # Ours stretches rows, not columns: all lengths in the plane grow by ac.
+    camera = OcamCamera(
+        *size,
+        tuple(term * ac ** (1 - i) for i, term in enumerate(forward)),
+        tuple(term * ac for term in inverse),
+        cx,
+        cy,
+        (1 / ac, ae / ac, ad / ac),
+    )
+    return _checked(camera, f"{fields.path}: affine_parameters", f"{fields.path}: poly_parameters")
+
+
+def _polynomial(path: Path, number: int, line: list[str]) -> tuple[float, ...]:
     values = _numbers(path, number, line)
     if values[0] != len(values) - 1 or len(values) < 3:
         raise FormatError(
@@ -132,12 +168,12 @@ def _polynomial(path: Path, number: int, line: str) -> tuple[float, ...]:
     return values[1:]
 
 
-def _numbers(path: Path, number: int, line: str, count: int | None = None) -> tuple[float, ...]:
+def _numbers(path: Path, number: int, line: list[str], count: int | None = None) -> tuple[float, ...]:
     try:
-        values = tuple(float(word) for word in line.split())
+        values = tuple(float(word) for word in line)
     except ValueError:
         values = (np.nan,)
-    if not np.isfinite(values).all() or (count is not None and len(values) != count):
+    if not (np.abs(values) <= LARGEST).all() or (count is not None and len(values) != count):
         raise FormatError(f"{path}, line {number}: expected {'' if count is None else f'{count} '}finite numbers")
     return values
 

@@ -73,7 +73,7 @@ def convert_lens(camera: CameraModel, model: LensModel, max_angle: float = np.pi
     """
     if isinstance(camera, model.camera_type):
         return model.camera(model.values(camera), (camera.width, camera.height), _own_angle(camera, max_angle))
-    if model.name == "pinhole":
+    if model.perspective:
         max_angle = min(max_angle, _PERSPECTIVE)
     rays, pixels = _field_rays(camera, max_angle)
     reach = float(np.arccos(np.clip(rays[:, 0].min(), -1, 1)))

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from calibration.least_squares import descend_damped, finite_cost
-from palletloc.cameras import CameraModel, DoubleSphere, Eucm, KannalaBrandt, Mei, Pinhole
+from palletloc.cameras import CameraModel, DoubleSphere, Eucm, KannalaBrandt, Mei, Pinhole, RationalPinhole
 from palletloc.cameras.derivatives import (
     PlaneImage,
     double_sphere_image,
@@ -17,11 +17,13 @@ from palletloc.cameras.derivatives import (
     kannala_brandt_image,
     mei_image,
     pinhole_image,
+    rational_pinhole_image,
 )
+from palletloc.cameras.pinhole import PerspectiveLens
 from palletloc.errors import PalletLocError, nearest_name
 from palletloc.geometry import FloatArray
 
-LensCamera = DoubleSphere | Eucm | KannalaBrandt | Mei | Pinhole
+LensCamera = DoubleSphere | Eucm | KannalaBrandt | Mei | Pinhole | RationalPinhole
 """A camera of one lens with parameters."""
 OPTICAL_FROM_CAMERA = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 """Turns the camera frame (forward, left, up) into right, down, forward."""
@@ -79,6 +81,11 @@ class LensModel:
     def parameters(self) -> tuple[str, ...]:
         """Names of all parameters."""
         return ("fx", "fy", "cx", "cy", *self.shape)
+
+    @property
+    def perspective(self) -> bool:
+        """Whether it images less than a half sphere, and knows by itself how far it sees."""
+        return issubclass(self.camera_type, PerspectiveLens)
 
     def start_values(self, focal: float, center: FloatArray) -> list[FloatArray]:
         """Return first parameters for each of the shapes; `focal` in pixels per radian, `center`, (2,), in pixels."""
@@ -162,7 +169,7 @@ class LensModel:
             If they describe no lens.
         """
         named: dict[str, Any] = dict(zip(self.parameters, values.tolist(), strict=True))
-        if self.camera_type is not Pinhole:
+        if not self.perspective:
             named["max_angle"] = max_angle
         return self.camera_type(*size, **named)
 
@@ -191,6 +198,10 @@ MODELS = {
         LensModel(
             "pinhole", ("k1", "k2", "p1", "p2", "k3"), ((0.0,) * 5,), Pinhole, pinhole_image,
             (-_ANY,) * 5, (_ANY,) * 5,
+        ),
+        LensModel(
+            "rational_pinhole", ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"), ((0.0,) * 8,), RationalPinhole,
+            rational_pinhole_image, (-_ANY,) * 8, (_ANY,) * 8,
         ),
     )
 }  # fmt: skip

@@ -159,7 +159,7 @@ def start_model(
         ``lens_from_board`` of each.
     """
     rays = [pose.apply(view.points) for view, pose in zip(views, poses, strict=True)]
-    limit = _PERSPECTIVE_LIMIT if model.name == "pinhole" else np.pi
+    limit = _PERSPECTIVE_LIMIT if model.perspective else np.pi
     near = [directions[:, 0] > np.cos(limit) * np.linalg.norm(directions, axis=-1) for directions in rays]
     if model is _FISHEYE:
         return [fisheye], near

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from scipy.stats import chi2
 
 from calibration.degeneracy import LIMITS, in_words
-from calibration.findings import PASS, Finding, Severity, exit_code
+from calibration.findings import PASS, Finding, Severity, exit_code, notes_on_input
 from calibration.motion.fit import MotionFit, fit_motion
 from calibration.motion.problem import MotionProblem
 from calibration.motion.start import start_motion
@@ -97,14 +97,15 @@ def calibrate_motion(folder: Path, on_progress: Callable[[str], None] = lambda _
         If a file is missing or wrong, or a target is there twice.
     """
     task = read_motion_task(folder)
+    notes = tuple(notes_on_input(task.recording.notes))
     observations = _observed(task, on_progress)
     on_progress("fitting")
     if not observations:
         how = "check the shots, the dictionary and the ids; a marker needs a side of about 20 px in the shot"
         fault = Finding(Severity.DEGENERATE, "no_target_seen", "no target is seen in any shot", how)
-        return MotionResult(MotionAssessment((fault,)), task.recording.camera)
+        return MotionResult(MotionAssessment((fault, *notes)), task.recording.camera)
     assessment = assess_motion(_problem(task, observations), task.recording.mounting.sigma)
-    return MotionResult(assessment, task.recording.camera)
+    return MotionResult(replace(assessment, findings=(*assessment.findings, *notes)), task.recording.camera)
 
 
 def _observed(task: MotionTask, on_progress: Callable[[str], None]) -> list[tuple[int, TargetObservation]]:

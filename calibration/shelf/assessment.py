@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.findings import Finding, Severity, exit_code
+from calibration.findings import Finding, Severity, exit_code, notes_on_input
 from calibration.shelf.front_line import UPRIGHTS
 from calibration.shelf.plane import Disagreement, FusedPlane
 from calibration.shelf.survey import Front, ShelfSurvey, survey_shelf
@@ -129,8 +129,9 @@ def plane_beside(recording: Recording, side: str, distance: float) -> ShelfPlane
 def assess_shelf(survey: ShelfSurvey) -> ShelfAssessment:
     """Judge the result of a survey."""
     if survey.fused is None:
-        return ShelfAssessment(survey, (_nothing(survey),))
+        return ShelfAssessment(survey, (_nothing(survey), *notes_on_input(survey.recording.notes)))
     findings = [*_contradictions(survey, survey.fused), *_uncertainty(survey.fused), *_restrictions(survey)]
+    findings += notes_on_input(survey.recording.notes)
     return ShelfAssessment(survey, tuple(findings))
 
 

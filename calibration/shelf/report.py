@@ -207,6 +207,10 @@ def _plan_figure(survey: ShelfSurvey) -> Figure:
     return figure
 
 
+_ALONG = "along the shelf, to the right as seen from the aisle (m)"
+"""What the horizontal axes show."""
+
+
 def _turned(survey: ShelfSurvey, points: FloatArray) -> FloatArray:
     """Return points, (n, 2) in odom, as places along the resulting plane and depths behind it."""
     turn, distance = (0.0, 0.0) if survey.fused is None else (survey.fused.turn, survey.fused.distance)
@@ -235,7 +239,7 @@ def _draw_plan(axes: Axes, survey: ShelfSurvey) -> None:
         slope = np.tan(prior[0] - survey.fused.turn)
         axes.plot(ends, prior[1] - survey.fused.distance + slope * ends, "--", color=FAINT, label="as given")
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set(ylabel="into the shelf (m)")
+    axes.set(xlabel=_ALONG, ylabel="into the shelf (m)")
     axes.grid(color=GRID, linewidth=0.6)
 
 
@@ -252,6 +256,6 @@ def _draw_depths(axes: Axes, survey: ShelfSurvey) -> None:
         band = 2000 * np.hypot(distance, turn * along)
         axes.fill_between(along, -band, band, color="#eef3f8", zorder=0, label="two sigma")
     axes.axhline(0.0, color=INK, linewidth=1.2)
-    axes.set(ylim=(-150, 150), xlabel="along the shelf (m)", ylabel="behind the result (mm)")
+    axes.set(ylim=(-150, 150), xlabel=_ALONG, ylabel="behind the result (mm)")
     axes.grid(color=GRID, linewidth=0.6)
     axes.set_axisbelow(True)

@@ -6,7 +6,7 @@ from palletloc.cameras.equirectangular import Equirectangular
 from palletloc.cameras.eucm import Eucm
 from palletloc.cameras.kannala_brandt import KannalaBrandt
 from palletloc.cameras.mei import Mei
-from palletloc.cameras.pinhole import Pinhole
+from palletloc.cameras.pinhole import Pinhole, RationalPinhole
 from palletloc.cameras.protocol import CameraModel, Projection, Rays
 from palletloc.cameras.stitched_equirectangular import StitchedEquirectangular, StitchedLens
 
@@ -21,6 +21,7 @@ __all__ = [
     "Mei",
     "Pinhole",
     "Projection",
+    "RationalPinhole",
     "Rays",
     "StitchedEquirectangular",
     "StitchedLens",

@@ -1,7 +1,7 @@
 """The lens distortion of Brown on the plane one focal length ahead, and its inverse.
 
 D. C. Brown, "Close-range camera calibration", Photogrammetric Engineering 37(8), 1971, with the
-coefficients of OpenCV: k1, k2, p1, p2, k3.
+coefficients of OpenCV: k1, k2, p1, p2, k3, and k4, k5, k6, by whose polynomial the radial one is divided.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from palletloc.cameras.odd_polynomial import OddPolynomial
+from palletloc.cameras.odd_rational import OddRational
 from palletloc.geometry import FloatArray
 
 _MAX_STEPS = 40
@@ -37,13 +38,20 @@ class BrownDistortion:
     """Tangential coefficient along columns."""
     k3: float = 0.0
     """Radial coefficient of r^6."""
+    k4: float = 0.0
+    """Coefficient of r^2 below the radial terms."""
+    k5: float = 0.0
+    """Coefficient of r^4 there."""
+    k6: float = 0.0
+    """Coefficient of r^6 there."""
     max_radius: float = field(init=False, compare=False)
     """How far out no two points coincide; infinite where none ever do."""
     _radius: OddPolynomial = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Find how far out the distortion is one to one."""
-        radius = OddPolynomial((self.k1, self.k2, self.k3))
+        above, below = (self.k1, self.k2, self.k3), (self.k4, self.k5, self.k6)
+        radius = OddRational(above, below) if any(below) else OddPolynomial(above)
         # The distortion's derivative is symmetric, with the radial factor and slope as eigenvalues; the
         # tangential part moves them by at most 6 |p| r. While they stay positive, no two points coincide.
         margin = 6 * float(np.hypot(self.p1, self.p2))

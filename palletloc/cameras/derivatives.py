@@ -44,6 +44,19 @@ def pinhole_image(rays: FloatArray, shape: FloatArray) -> PlaneImage:
     return _distorted(_divided(rays, _perspective_depth(rays, shape[:0])), shape)
 
 
+def rational_pinhole_image(rays: FloatArray, shape: FloatArray) -> PlaneImage:
+    """Return the image in a `RationalPinhole` camera.
+
+    Parameters
+    ----------
+    rays : (n, 3) array
+        Right, down, forward, of any length.
+    shape : (8,) array
+        k1, k2, p1, p2, k3, k4, k5, k6.
+    """
+    return _distorted(_divided(rays, _perspective_depth(rays, shape[:0])), shape)
+
+
 def mei_image(rays: FloatArray, shape: FloatArray) -> PlaneImage:
     """Return the image in a camera of `Mei`.
 
@@ -173,13 +186,11 @@ def _divided(rays: FloatArray, depth: _Depth) -> PlaneImage:
 
 
 def _distorted(image: PlaneImage, terms: FloatArray) -> PlaneImage:
-    """Return an image with Brown's distortion k1, k2, p1, p2 and, if given, k3, as further shape parameters."""
-    k1, k2, p1, p2, *rest = terms
-    k3 = rest[0] if rest else 0.0
+    """Return an image with Brown's distortion k1, k2, p1, p2 and, if given, k3 to k6, as further shape parameters."""
+    _, _, p1, p2, *rest = terms
     x, y = image.points.T
     squared = x * x + y * y
-    factor = 1 + squared * (k1 + squared * (k2 + squared * k3))
-    slope = k1 + squared * (2 * k2 + 3 * squared * k3)
+    factor, slope = _radial(terms, squared)
     tangential = np.stack([2 * x * y, squared + 2 * x * x, squared + 2 * y * y], axis=-1)
     points = image.points * factor[:, None]
     points[:, 0] += p1 * tangential[:, 0] + p2 * tangential[:, 1]
@@ -190,12 +201,27 @@ def _distorted(image: PlaneImage, terms: FloatArray) -> PlaneImage:
     bend[:, 1, 1] += 6 * p1 * y + 2 * p2 * x
     bend[:, 0, 1] += 2 * p1 * x + 2 * p2 * y
     bend[:, 1, 0] += 2 * p1 * x + 2 * p2 * y
+    below = 1 + squared[:, None] ** np.array([1, 2, 3]) @ terms[5:] if len(rest) > 1 else np.ones_like(squared)
+    powers = [image.points * (squared**power / below)[:, None] for power in (1, 2, 3)]
     columns = [
-        image.points * squared[:, None],
-        image.points * (squared**2)[:, None],
+        *powers[:2],
         np.stack([tangential[:, 0], tangential[:, 2]], axis=-1),
         np.stack([tangential[:, 1], tangential[:, 0]], axis=-1),
-        *([image.points * (squared**3)[:, None]] if rest else []),
+        *(powers[2:] if rest else []),
+        *([-factor[:, None] * power for power in powers] if len(rest) > 1 else []),
     ]
     by_shape = np.concatenate([bend @ image.by_shape, np.stack(columns, axis=-1)], axis=-1)
     return PlaneImage(points, bend @ image.by_ray, by_shape)
+
+
+def _radial(terms: FloatArray, squared: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the radial factor of Brown's distortion and its derivative, both by the squared radius."""
+    k1, k2, _, _, *rest = terms
+    k3, k4, k5, k6 = [*rest, 0.0, 0.0, 0.0, 0.0][:4]
+    factor = 1 + squared * (k1 + squared * (k2 + squared * k3))
+    slope = k1 + squared * (2 * k2 + 3 * squared * k3)
+    if len(rest) > 1:
+        below = 1 + squared * (k4 + squared * (k5 + squared * k6))
+        slope = (slope - factor / below * (k4 + squared * (2 * k5 + 3 * squared * k6))) / below
+        factor = factor / below
+    return factor, slope

@@ -73,7 +73,7 @@ class OddPolynomial:
         (...) array
             The x in [0, upper]; NaN where there is none.
         """
-        upper = min(upper, self._beyond(float(values.max(initial=0.0, where=np.isfinite(values)))))
+        upper = min(upper, self._beyond(float(values.max(initial=0.0, where=np.isfinite(values))), upper))
         reach = upper * float(self.factor(np.asarray(upper * upper)))
         found = np.full(values.size, np.nan)
         unsettled = np.flatnonzero(values <= reach * (1 + _ROUNDING))
@@ -95,10 +95,10 @@ class OddPolynomial:
             low, high = low[moving], high[moving]
         return found.reshape(values.shape)
 
-    def _beyond(self, value: float) -> float:
-        """Return an x whose value exceeds the given one, if the polynomial rises that far."""
+    def _beyond(self, value: float, upper: float) -> float:
+        """Return an x whose value exceeds the given one, or that exceeds the upper one."""
         x = 1.0
-        while x * float(self.factor(np.asarray(x * x))) < value and x < _FAR:
+        while x < upper and x * float(self.factor(np.asarray(x * x))) < value and x < _FAR:
             x *= 2
         return x
 
@@ -124,6 +124,22 @@ def _first_root(coefficients: tuple[float, ...], linear: float) -> float:
     powers[0] = 1.0
     powers[1] = linear
     powers[2::2] = coefficients
+    return first_root(powers)
+
+
+def first_root(powers: FloatArray) -> float:
+    """Return the first positive root of a polynomial; infinite without one.
+
+    Parameters
+    ----------
+    powers : (n,) array
+        Its coefficients, that of the lowest power first, which is 1.
+
+    Examples
+    --------
+    >>> first_root(np.array([1.0, 0.0, -0.25]))
+    2.0
+    """
     # Lowest power first: these are the roots' inverses, found without dividing by a tiny coefficient.
     inverses = np.roots(powers)
     # A double root comes out as a pair with a small imaginary part.

@@ -7,6 +7,7 @@ the list of commands and the help of each appear at once.
 from __future__ import annotations
 
 import importlib
+import os
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -17,6 +18,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palletloc import __version__
+from palletloc.cli.help import FLAG, PlainCommand, PlainGroup, examples
 from palletloc.errors import PalletLocError
 
 if TYPE_CHECKING:
@@ -26,6 +28,15 @@ _SUCCESS, _FAILURE, _INTERRUPTED = 0, 1, 130
 """Exit codes; 128 and the number of the signal is what shells expect of an interrupted program."""
 _HELP_OPTIONS = ("-h", "--help")
 """What asks for help, of the program and of every command."""
+_COMPLETING, _WORDS = "_PALLETLOC_COMPLETE", ("COMP_WORDS", "_TYPER_COMPLETE_ARGS")
+"""Variables by which a shell asks what may be typed next, and that hold what has been typed so far."""
+_EXAMPLES = (
+    "palletloc demo                           # a look at everything",
+    "palletloc localize RECORDING --out RUN   # poses of pallets, and RUN/overview.html",
+    "palletloc COMMAND --help                 # options and examples of one command",
+    "palletloc --install-completion           # the shell completes names and options",
+)
+"""Command lines for the program's help."""
 _UNUSED = {"rich.markdown": "Markdown", "rich.traceback": "Traceback"}
 """Modules that typer's help imports, with the class that it takes from them. No help of this program is written in
 Markdown, and no traceback is shown: their parsers would take a quarter of the time until help appears."""
@@ -41,6 +52,8 @@ class Command:
     """``"module:function"``, or ``"module:app"`` for a `typer.Typer` that has commands of its own."""
     summary: str
     """One line for the list of commands: the first line of the function's docstring."""
+    examples: tuple[str, ...] = ()
+    """Command lines for its help."""
 
     def load(self) -> Callable[..., None] | typer.Typer:
         """Import and return the function or the `typer.Typer` that the target names."""
@@ -50,16 +63,60 @@ class Command:
 
 
 COMMANDS = (
-    Command("localize", "palletloc.cli.localize:localize", "Measure the pallets in each shot of a recording."),
-    Command("evaluate", "palletloc.cli.evaluate:evaluate", "Hold measured poses against the truth of a recording."),
-    Command("explain", "palletloc.cli.explain:explain", "Draw every stage of the localization of one shot."),
+    Command(
+        "localize",
+        "palletloc.cli.localize:localize",
+        "Measure the pallets in each shot of a recording.",
+        (
+            "palletloc localize RECORDING --out RUN",
+            "palletloc localize RECORDING --out RUN --resume     # after an interrupt",
+            "palletloc localize RECORDING --out RUN --json       # for programs",
+        ),
+    ),
+    Command(
+        "evaluate",
+        "palletloc.cli.evaluate:evaluate",
+        "Hold measured poses against the truth of a recording.",
+        (
+            "palletloc evaluate RECORDING --estimate RUN --out DIR",
+            "palletloc evaluate RECORDING --estimate A --estimate B --out DIR",
+            "palletloc evaluate --batch RECORDINGS --estimate run --out DIR",
+        ),
+    ),
+    Command(
+        "explain",
+        "palletloc.cli.explain:explain",
+        "Draw every stage of the localization of one shot.",
+        (
+            "palletloc explain RECORDING --shot 0 --out DIR",
+            "palletloc explain RECORDING --shot 7 --out DIR --no-refused",
+        ),
+    ),
     Command(
         "simulate",
         "palletloc.cli.simulate:simulate",
         "Write a synthetic recording with its truth: an approach to a rack, drawn from a seed.",
+        (
+            "palletloc simulate --out RECORDING",
+            "palletloc simulate --out RECORDING --seed 3 --camera dual_fisheye",
+        ),
     ),
-    Command("pallets", "palletloc.cli.pallets:pallets", "List and draw the pallet models."),
-    Command("config", "palletloc.cli.config:config", "Print every parameter with its default."),
+    Command(
+        "pallets",
+        "palletloc.cli.pallets:pallets",
+        "List and draw the pallet models.",
+        (
+            "palletloc pallets",
+            "palletloc pallets epal1-800 gma",
+            "palletloc pallets --file pallets.yaml --draw all.png",
+        ),
+    ),
+    Command(
+        "config",
+        "palletloc.cli.config:config",
+        "Print every parameter with its default.",
+        ("palletloc config > mine.yaml", "palletloc config --file mine.yaml   # checks it, too"),
+    ),
 )
 """The commands of palletloc itself, in the order in which help lists them."""
 
@@ -80,7 +137,7 @@ def run(arguments: Sequence[str], commands: Sequence[Command] = COMMANDS) -> int
         Exit code: 0 on success, 1 on bad input (one line on standard error says what, where, and what was
         expected), 2 on wrong usage, 130 when interrupted.
     """
-    if not arguments or any(option in arguments for option in _HELP_OPTIONS):
+    if _COMPLETING not in os.environ and (not arguments or any(option in arguments for option in _HELP_OPTIONS)):
         _import_help()
     try:
         _build(arguments, commands)(args=list(arguments), prog_name="palletloc")
@@ -100,10 +157,11 @@ def run(arguments: Sequence[str], commands: Sequence[Command] = COMMANDS) -> int
 
 def _build(arguments: Sequence[str], commands: Sequence[Command]) -> typer.Typer:
     """Return the application with the asked-for command loaded and a stand-in for each of the others."""
-    asked = next((a for a in arguments if not a.startswith("-")), None)  # no option before it takes a value
+    asked = next((word for word in _words(arguments) if not word.startswith("-")), None)  # no option takes a value
     app = typer.Typer(
+        cls=PlainGroup,
+        epilog=examples(_EXAMPLES),
         no_args_is_help=True,
-        add_completion=False,
         pretty_exceptions_enable=False,
         context_settings={"help_option_names": list(_HELP_OPTIONS)},
     )
@@ -113,8 +171,16 @@ def _build(arguments: Sequence[str], commands: Sequence[Command]) -> typer.Typer
         if isinstance(loaded, typer.Typer):
             app.add_typer(loaded, name=command.name, help=command.summary)
         else:
-            app.command(command.name, short_help=command.summary)(loaded)
+            shown = examples(command.examples) if command.examples else None
+            app.command(command.name, cls=PlainCommand, short_help=command.summary, epilog=shown)(loaded)
     return app
+
+
+def _words(arguments: Sequence[str]) -> Sequence[str]:
+    """Return what follows the program's name: the arguments, or what has been typed so far where a shell asks."""
+    if _COMPLETING not in os.environ:
+        return arguments
+    return next((os.environ[name].split()[1:] for name in _WORDS if name in os.environ), arguments)
 
 
 def _import_help() -> None:
@@ -142,7 +208,9 @@ def _show_version(wanted: bool) -> None:
 
 
 def _root(
-    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Say where an error comes from.")] = False,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", "-v", metavar=FLAG, help="Say where an error comes from.")
+    ] = False,
     _version: Annotated[
         bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and exit.")
     ] = False,

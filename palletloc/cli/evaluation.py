@@ -10,13 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 import typer
-from rich import box
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
 from palletloc.choices import NEAREST_LIMIT, TimeRule
+from palletloc.cli.showing import Shown, progress, say, say_all, working
+from palletloc.cli.tables import new_table
 from palletloc.errors import PalletLocError
 from palletloc.evaluation.batch import (
     BatchJob,
@@ -26,7 +25,7 @@ from palletloc.evaluation.batch import (
     evaluate_in_parallel,
     pooled,
 )
-from palletloc.evaluation.metrics import METRICS, metrics_text
+from palletloc.evaluation.metrics import METRICS, metrics_document, metrics_text
 from palletloc.evaluation.pose_error import COMPONENTS, EvaluationError, Visibility, offsets
 from palletloc.evaluation.recording import evaluate_recording, write_results
 from palletloc.evaluation.requirement import Requirement, check_requirement
@@ -58,8 +57,8 @@ _QUANTITIES = (
 
 def evaluate_one(
     recording: Path, estimate: Sequence[Path], out: Path, settings: Settings, *, with_pictures: bool
-) -> None:
-    """Evaluate the runs over one recording, write the results and print the tables.
+) -> Shown:
+    """Evaluate the runs over one recording, and write the results.
 
     Parameters
     ----------
@@ -74,26 +73,29 @@ def evaluate_one(
     with_pictures : bool
         Whether the report shows the images of the worst shots.
 
+    Returns
+    -------
+    Shown
+        The content of metrics.json, and tables of the same.
+
     Raises
     ------
     PalletLocError
         If a file is missing or wrong, or a run is given twice.
     """
     truth = read_recording_truth(recording)
+    say_all(truth.recording.notes)
     evaluated = evaluate_recording(truth, _read_runs(estimate, truth.recording), settings)
     runs, compared = evaluated.runs, evaluated.compared
-    with Console(stderr=True).status("Drawing"):
+    with working("Drawing"):
         from palletloc.report.evaluation_page import REPORT, evaluation_page  # drawing is slow to import
 
         page = evaluation_page(evaluated, with_pictures=with_pictures)
     write_results(evaluated, out, {REPORT: page})
-    console = Console()
-    console.print(_table(runs))
-    if compared:
-        console.print(_compared(compared))
-    for line in (*_remarks(runs), *_notes(truth, settings)):
-        console.print(Text(line), soft_wrap=True)
-    console.print(Text(f"look at {out / REPORT}"), soft_wrap=True)
+    document = metrics_document(truth, runs, settings, compared)
+    tables = (_table(runs), *((_compared(compared),) if compared else ()))
+    parts = (*tables, *_remarks(runs), *_notes(truth, settings), f"look at {out / REPORT}")
+    return Shown({"out": out, "report": out / REPORT, **document}, parts)
 
 
 def settings_of(
@@ -136,22 +138,9 @@ def _read_runs(folders: Sequence[Path], recording: Recording) -> list[RunFiles]:
     ]
 
 
-def _new_table(title: str, names: Sequence[str], texts: Sequence[str], numbers: Sequence[str]) -> Table:
-    """Return an empty table; the names of recordings and runs may wrap, the other columns do not."""
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), title=title, title_justify="left")
-    for heading in names:
-        table.add_column(heading)
-    for heading in texts:
-        table.add_column(heading, no_wrap=True)
-    for heading in numbers:
-        table.add_column(heading, justify="right", no_wrap=True)
-    return table
-
-
 def _table(runs: Sequence[EvaluatedRun]) -> Table:
     title = "errors: measured minus true, absolute"
-    table = _new_table(title, ["run"], ["source", ""], ["median", "95 %", "largest", "inside"])
-    table.add_column("requirement", no_wrap=True)
+    table = new_table(["run", "source", ""], ["median", "95 %", "largest", "inside"], ["requirement"], title=title)
     for run in runs:
         label = run.files.name
         for name, source in run.sources.items():
@@ -179,7 +168,7 @@ def _rows(source: EvaluatedSource) -> Iterator[list[str]]:
 
 def _compared(compared: Sequence[ComparedRuns]) -> Table:
     title = f"change of the mean absolute error against {compared[0].first}, with its interval"
-    table = _new_table(title, ["run"], ["source", ""], ["change", "from", "to", "better", "worse"])
+    table = new_table(["run", "source", ""], ["change", "from", "to", "better", "worse"], title=title)
     for runs in compared:
         for number, (title, column, scale, digits) in enumerate(_QUANTITIES):
             difference = runs.comparison.differences.get(COMPONENTS[column])
@@ -221,8 +210,8 @@ class BatchWork(NamedTuple):
     """Whether reports show the images of the worst shots."""
 
 
-def evaluate_batch(jobs: Sequence[BatchJob], folder: Path, out: Path, work: BatchWork) -> None:
-    """Evaluate recordings, write what there is about all of them together, and print a table.
+def evaluate_batch(jobs: Sequence[BatchJob], folder: Path, out: Path, work: BatchWork) -> Shown:
+    """Evaluate recordings, and write what there is about all of them together.
 
     Parameters
     ----------
@@ -235,51 +224,54 @@ def evaluate_batch(jobs: Sequence[BatchJob], folder: Path, out: Path, work: Batc
     work : BatchWork
         Who does it.
 
+    Returns
+    -------
+    Shown
+        The content of batch.json, and a table of the same; exit code 1 if a recording cannot be evaluated.
+
     Raises
     ------
     PalletLocError
-        If a recording cannot be evaluated, when all others are, or if Dask cannot be used.
+        If none of the recordings can be evaluated, or if Dask cannot be used.
     """
     results = sorted(_evaluated(jobs, work), key=lambda result: result.name)
     failed = [result for result in results if result.problem]
     if len(failed) == len(results):
         raise EvaluationError(f"{folder}: none of {len(results)} recordings can be evaluated: {failed[0].problem}")
     settings = jobs[0].settings
-    with Console(stderr=True).status("Drawing"):
+    with working("Drawing"):
         from palletloc.report.batch_page import INDEX, batch_page  # drawing is slow to import
 
         page = batch_page(folder, results, settings.requirement)
-    write_text(out / BATCH, metrics_text(batch_document(folder, results, settings)))
+    document = batch_document(folder, results, settings)
+    write_text(out / BATCH, metrics_text(document))
     write_text(out / INDEX, page)
-    stdout = Console()
-    stdout.print(_batch_table(results, settings.requirement))
-    stdout.print(Text(f"look at {out / INDEX}"), soft_wrap=True)
+    parts = (_batch_table(results, settings.requirement), f"look at {out / INDEX}")
+    remarks = []
     if failed:
         names = ", ".join(result.name for result in failed)
         count = f"{len(failed)} of {len(results)} recordings"
-        raise EvaluationError(f"{folder}: {count} could not be evaluated: {names}; the others are")
+        remarks.append(f"{folder}: {count} could not be evaluated: {names}; the others are")
+    return Shown({"out": out, "index": out / INDEX, **document}, parts, tuple(remarks), 1 if failed else 0)
 
 
 def _evaluated(jobs: Sequence[BatchJob], work: BatchWork) -> Iterator[BatchResult]:
     """Yield the results as they come, and print failures."""
     from palletloc.report.evaluation_page import report_job  # drawing is slow to import
 
-    console, job = Console(stderr=True), partial(report_job, with_pictures=work.with_pictures)
-    columns = (TextColumn("Evaluating"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
-        bar = progress.add_task("", total=len(jobs))
+    job = partial(report_job, with_pictures=work.with_pictures)
+    with progress("Evaluating", len(jobs)) as advance:
         for result in evaluate_in_parallel(jobs, work.workers, work.scheduler, job):
             yield result
-            progress.advance(bar)
+            advance()
             if result.problem:
-                console.print(Text(f"palletloc: skipped: {result.name}: {result.problem}"), soft_wrap=True)
+                say(f"skipped: {result.name}: {result.problem}")
 
 
 def _batch_table(results: Sequence[BatchResult], requirement: Requirement) -> Table:
     title = "median / 95 % of the absolute errors"
     numbers = ["found", _QUANTITIES[0][0], _QUANTITIES[1][0]]
-    table = _new_table(title, ["recording", "run"], ["source"], numbers)
-    table.add_column("", no_wrap=True)
+    table = new_table(["recording", "run", "source"], numbers, [""], title=title)
     for result in results:
         _add(table, result.name, result.totals, requirement)
         if result.problem:

@@ -3,63 +3,67 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich import box
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from palletloc.choices import Method
+from palletloc.cli import options
+from palletloc.cli.help import FLAG, INPUT, RESULTS
+from palletloc.cli.showing import Shown, say_all, shows, working
 from palletloc.errors import PalletLocError
 
 if TYPE_CHECKING:
-    from palletloc.localizer import Explanation
+    from rich.table import Table
+
+    from palletloc.explained import Named
     from palletloc.recording_run import Job
 
-_HEADINGS = (
-    *("x m", "y m", "z m", "\N{PLUS-MINUS SIGN} mm", "yaw \N{DEGREE SIGN}"),
-    "\N{PLUS-MINUS SIGN} \N{DEGREE SIGN}",
-)
-"""Of the columns of numbers."""
 
-
+@shows
 def explain(
-    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="Folder of the recording.")],
-    shot: Annotated[int, typer.Option(metavar="I", help="Number of the shot; the first is 0.")],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the pictures; made if missing.")],
-    initial: Annotated[
-        Path | None, typer.Option(metavar="CSV", help="Start from these poses instead of detecting pallets.")
-    ] = None,
-    method: Annotated[Method, typer.Option(help="How poses are measured.")] = Method.REFINED,
-    config: Annotated[
-        Path | None, typer.Option(metavar="YAML", help="Parameters of your own; see palletloc config.")
-    ] = None,
-    refused: Annotated[bool, typer.Option("--refused", help="Draw the steps of what was given up, too.")] = False,
-) -> None:
+    recording: options.RecordingFolder,
+    shot: Annotated[
+        int, typer.Option(metavar="I", rich_help_panel=INPUT, help="Number of the shot; the first is 0.")
+    ],
+    out: options.OutFolder,
+    initial: options.Starts = None,
+    method: options.MethodName = Method.REFINED,
+    config: options.Parameters = None,
+    refused: Annotated[
+        bool,
+        typer.Option(
+            "--refused/--no-refused",
+            metavar=FLAG,
+            rich_help_panel=RESULTS,
+            help="Whether to draw the steps of what was given up, too.",
+        ),
+    ] = True,
+) -> Shown:
     """Draw every stage of the localization of one shot.
 
-    Writes pictures, numbered in the order of the stages, and explain.json with all numbers. Pictures that an
-    earlier call left in the folder are replaced.
+    Writes pictures, numbered in the order of the stages, the page explain.html with all of them and with what spoke
+    against what was given up, and explain.json with all numbers. Pictures that an earlier call left in the folder are
+    replaced.
     """
     from palletloc.config import LocalizerConfig
+    from palletloc.explained import name_candidates
     from palletloc.io.config_file import read_config
     from palletloc.recording_run import read_job
 
     parameters = LocalizerConfig() if config is None else read_config(config)
     job = _single(read_job(recording, method, parameters, initial), shot)
+    say_all(job.recording.notes)
     explanation = job.explain(0)
-    console = Console()
-    with console.status("Drawing"):
-        from palletloc.report.explanation_folder import write_explanation  # drawing is slow to import
+    with working("Drawing"):
+        from palletloc.report.explanation_folder import PAGE, write_explanation  # drawing is slow to import
 
-        write_explanation(job, explanation, out, with_refused=refused or initial is not None)
-    console.print(_table(explanation))
-    _print_refusals(console, explanation)
-    console.print(Text(f"pictures and explain.json: {out}"), soft_wrap=True)
+        written = write_explanation(job, explanation, out, with_refused=refused or initial is not None)
+    named = name_candidates(explanation)
+    parts = (_table(named), *_refused(named), "", f"pictures and explain.json: {out}", f"look at {out / PAGE}")
+    return Shown({"out": out, "page": out / PAGE, **written.document}, parts)
 
 
 def _single(job: Job, number: int) -> Job:
@@ -80,37 +84,36 @@ def _single(job: Job, number: int) -> Job:
     return replace(job, given=(ShotStarts(shot, starts),))
 
 
-def _table(explanation: Explanation) -> Table:
-    import numpy as np
+def _table(named: Named) -> Table:
+    from rich.text import Text
 
-    from palletloc.candidate import Refusal
-    from palletloc.explained import name_candidates
+    from palletloc.candidate import Fit
+    from palletloc.cli.tables import POSE_HEADINGS, new_table, pose_cells
 
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    table.add_column("", no_wrap=True)
-    table.add_column("model")
-    for heading in _HEADINGS:
-        table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column("yaw from")
-    for name, fit in name_candidates(explanation):
-        if isinstance(fit, Refusal):
-            continue
-        sigma = np.sqrt(np.diag(fit.covariance))
-        table.add_row(
-            name,
-            Text(fit.candidate.model.name),
-            *(f"{round(value, 3) + 0.0:.3f}" for value in (fit.pose.x, fit.pose.y, fit.pose.z)),
-            ", ".join(f"{1000 * value:.0f}" for value in sigma[:3]),
-            f"{np.degrees(fit.pose.yaw):.2f}",
-            f"{np.degrees(sigma[3]):.2f}",
-            str(fit.yaw_from),
-        )
+    table = new_table(["", "model"], POSE_HEADINGS, ["yaw from"])
+    for name, fit in named:
+        if isinstance(fit, Fit):
+            cells = (*pose_cells(fit.pose, fit.covariance), str(fit.yaw_from))
+            table.add_row(name, Text(fit.candidate.model.name), *cells)
     return table
 
 
-def _print_refusals(console: Console, explanation: Explanation) -> None:
-    """Say how many candidates were given up in which step, and why."""
-    counts = Counter(f"{refusal.stage}: {refusal.reason}" for refusal in explanation.refusals)
-    total = sum(counts.values())
+def _refused(named: Named) -> Iterator[str | Table]:
+    """Yield how many candidates were given up and why, and what spoke against those that had a pose."""
+    from rich.text import Text
+
+    from palletloc.candidate import Refusal
+    from palletloc.cli.tables import new_table
+    from palletloc.explained import spoke_against
+
+    refusals = [(name, refusal) for name, refusal in named if isinstance(refusal, Refusal)]
+    counts = Counter(f"{refusal.stage}: {refusal.reason}" for _, refusal in refusals)
     listed = ", ".join(f"{count} {reason}" for reason, count in counts.most_common())
-    console.print(Text(f"given up: {total} ({listed})" if total else "given up: none"), soft_wrap=True)
+    yield f"given up: {len(refusals)} ({listed})" if refusals else "given up: none"
+    table = new_table(["", "model", "reason", "what spoke against it"])
+    for name, refusal in refusals:
+        if refusal.fit is not None:
+            cells = (refusal.candidate.model.name, str(refusal.reason), spoke_against(refusal))
+            table.add_row(name, *(Text(cell) for cell in cells))
+    if table.rows:
+        yield from ("", table)

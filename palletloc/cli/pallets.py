@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich import box
-from rich.console import Console, Group
-from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
+from palletloc.cli.help import INPUT, RESULTS
+from palletloc.cli.showing import Shown, shows
+from palletloc.cli.tables import CUT, new_table
 from palletloc.errors import PalletLocError
 
 if TYPE_CHECKING:
@@ -22,33 +22,41 @@ _TIMES = "\N{MULTIPLICATION SIGN}"
 """Between width and height."""
 
 
+@shows
 def pallets(
     names: Annotated[
         list[str] | None,
         typer.Argument(metavar="NAME", help="Models to show, with sources in full; all if left out."),
     ] = None,
     file: Annotated[
-        Path | None, typer.Option("--file", metavar="YAML", help="Your own pallets.yaml; its models come first.")
+        Path | None,
+        typer.Option(
+            "--file", metavar="YAML", rich_help_panel=INPUT, help="Your own pallets.yaml; its models come first."
+        ),
     ] = None,
     draw: Annotated[
-        Path | None, typer.Option("--draw", metavar="PNG", help="Draw the models to scale into this file.")
+        Path | None,
+        typer.Option(
+            "--draw", metavar="PNG", rich_help_panel=RESULTS, help="Draw the models to scale into this file."
+        ),
     ] = None,
-) -> None:
+) -> Shown:
     """List and draw the pallet models."""
-    from palletloc.pallet_library import find_models, load_library, read_pallets
+    import yaml
+
+    from palletloc.pallet_library import find_models, format_pallets, load_library, read_pallets
 
     if draw is not None and draw.suffix.lower() != ".png":
         raise PalletLocError(f"--draw {draw}: expected the name of a .png file")
     user = read_pallets(file) if file is not None else {}
     models = find_models(names or {**user, **load_library()}, user)
-    console = Console()
-    console.print(_table(models))
+    parts: list[str | Table] = [_table(models)]
     if names:
-        for model in models:
-            console.print(_sources(model))
+        parts += [line for model in models for line in _sources(model)]
     if draw is not None:
         _draw(models, draw)
-        console.print(Text(f"drawn: {draw}"), soft_wrap=True)
+        parts.append(f"drawn: {draw}")
+    return Shown({"pallets": yaml.safe_load(format_pallets(models)), "drawn": draw}, tuple(parts))
 
 
 def _draw(models: Sequence[PalletModel], path: Path) -> None:
@@ -61,15 +69,11 @@ def _draw(models: Sequence[PalletModel], path: Path) -> None:
 def _table(models: Sequence[PalletModel]) -> Table:
     """Return one row for each model, in millimetres."""
     title = f"Front faces: width {_TIMES} height in mm; openings at the level where they begin"
-    table = Table(
-        box=box.SIMPLE_HEAD, expand=True, padding=(0, 1, 0, 0), title=title, title_justify="left", title_style=""
-    )
-    table.add_column("name", no_wrap=True)
-    table.add_column("face", justify="right", no_wrap=True)
+    table = new_table(["name"], ["face"], title=title)
     table.add_column("openings", no_wrap=True)
     table.add_column("edge\nradius", justify="right")
-    table.add_column("confirmed", no_wrap=True)
-    table.add_column("source", no_wrap=True, overflow="ellipsis", ratio=1)
+    table.add_column("confirmed")
+    table.add_column("from", no_wrap=True, overflow=CUT)
     for model in models:
         table.add_row(
             Text(model.name),
@@ -92,12 +96,11 @@ def _summary(openings: Sequence[Opening]) -> str:
     return "\n".join(f"{count} of {size}" for size, count in alike.items())
 
 
-def _sources(model: PalletModel) -> Group:
+def _sources(model: PalletModel) -> list[str]:
     """Return where the dimensions come from and what is assumed."""
-    heading = Text.assemble((model.name, "bold"), f"  {_millimetres(model.depth)} deep")
     texts = {"source": model.source, "note": model.note}
-    lines = [Text(f"{label}: {text}") for label, text in texts.items() if text]
-    return Group(heading, Padding(Group(*lines), (0, 0, 0, 2)))
+    lines = [f"  {label}: {text}" for label, text in texts.items() if text]
+    return [f"{model.name}  {_millimetres(model.depth)} deep", *lines]
 
 
 def _millimetres(length: float) -> str:

@@ -2,45 +2,64 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich import box
-from rich.console import Console
-from rich.progress import track
 from rich.table import Table
-from rich.text import Text
 
 from palletloc.choices import CameraKind, Illumination, Side
+from palletloc.cli.help import RESULTS, SCENE, SENSOR
+from palletloc.cli.showing import Shown, progress, shows
+from palletloc.cli.tables import plain_table
 
 if TYPE_CHECKING:
     from palletloc.geometry import Image
     from palletloc.synthetic.simulation import Simulation
 
 
+@shows
 def simulate(
-    out: Annotated[Path, typer.Option(help="Folder of the recording: new, or empty.")],
-    seed: Annotated[int, typer.Option(min=0, help="The same options and seed give the same recording.")] = 0,
-    shots: Annotated[int, typer.Option(min=1, help="How many shots along the approach.")] = 12,
-    width: Annotated[int, typer.Option(min=64, max=16384, help="Width of an image, in pixels.")] = 1920,
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", rich_help_panel=RESULTS, help="Folder of the recording: new, or empty.")
+    ],
+    seed: Annotated[
+        int, typer.Option(rich_help_panel=SCENE, min=0, help="The same options and seed give the same recording.")
+    ] = 0,
+    shots: Annotated[int, typer.Option(rich_help_panel=SCENE, min=1, help="How many shots along the approach.")] = 12,
+    width: Annotated[
+        int, typer.Option(rich_help_panel=SENSOR, min=64, max=16384, help="Width of an image, in pixels.")
+    ] = 1920,
     model: Annotated[
-        list[str] | None, typer.Option(help="Pallet model in the rack; may be repeated (epal1-1200 if none).")
+        list[str] | None,
+        typer.Option(rich_help_panel=SCENE, help="Pallet model in the rack; may be repeated (epal1-1200 if none)."),
     ] = None,
-    side: Annotated[Side, typer.Option(help="Side of the shelf.")] = Side.LEFT,
-    camera: Annotated[CameraKind, typer.Option(help="Kind of camera.")] = CameraKind.EQUIRECTANGULAR,
-    light: Annotated[Illumination, typer.Option(help="Kind of light.")] = Illumination.EVEN,
+    side: Annotated[Side, typer.Option(rich_help_panel=SCENE, help="Side of the shelf.")] = Side.LEFT,
+    camera: Annotated[
+        CameraKind, typer.Option(rich_help_panel=SENSOR, help="Kind of camera.")
+    ] = CameraKind.EQUIRECTANGULAR,
+    light: Annotated[Illumination, typer.Option(rich_help_panel=SCENE, help="Kind of light.")] = Illumination.EVEN,
     level: Annotated[
         list[float] | None,
-        typer.Option(help="Height that loads stand on, in metres; may be repeated (0 and 1.55 if none)."),
+        typer.Option(
+            rich_help_panel=SCENE, help="Height that loads stand on, in metres; may be repeated (0 and 1.55 if none)."
+        ),
     ] = None,
-    blur: Annotated[float, typer.Option(min=0, max=20, help="Blur, in pixels (one sigma).")] = 0.6,
-    noise: Annotated[float, typer.Option(min=0, max=100, help="Noise, in grey levels of 255 (one sigma).")] = 1.5,
-    gain: Annotated[float, typer.Option(min=0.01, max=100, help="Exposure.")] = 1.0,
-    occluders: Annotated[int, typer.Option(min=0, help="Pallets that something stands before.")] = 0,
-    gloss: Annotated[float, typer.Option(min=0, max=1, help="How much the floor mirrors.")] = 0.0,
-) -> None:
+    blur: Annotated[
+        float, typer.Option(rich_help_panel=SENSOR, min=0, max=20, help="Blur, in pixels (one sigma).")
+    ] = 0.6,
+    noise: Annotated[
+        float, typer.Option(rich_help_panel=SENSOR, min=0, max=100, help="Noise, in grey levels of 255 (one sigma).")
+    ] = 1.5,
+    gain: Annotated[float, typer.Option(rich_help_panel=SENSOR, min=0.01, max=100, help="Exposure.")] = 1.0,
+    occluders: Annotated[
+        int, typer.Option(rich_help_panel=SCENE, min=0, help="Pallets that something stands before.")
+    ] = 0,
+    gloss: Annotated[
+        float, typer.Option(rich_help_panel=SCENE, min=0, max=1, help="How much the floor mirrors.")
+    ] = 0.0,
+) -> Shown:
     """Write a synthetic recording with its truth: an approach to a rack, drawn from a seed."""
     from palletloc.pallet_library import find_models
     from palletloc.synthetic.aisle import AisleSpec
@@ -59,11 +78,17 @@ def simulate(
     sensor = Sensor(blur_px=blur, noise=noise, gain=gain)
     spec = SimulationSpec(aisle=aisle, camera=camera, width=width, shots=shots, sensor=sensor)
     simulation = draw_simulation(spec, seed)
-    console = Console(stderr=True)
-    save_simulation(out, simulation, _counted(simulation.images(), shots, console))
-    stdout = Console()
-    stdout.print(_summary(simulation))
-    stdout.print(Text(f"recording: {out}"), soft_wrap=True)
+    with progress("Rendering", shots) as advance:
+        save_simulation(out, simulation, _counted(simulation.images(), advance))
+    document = {
+        "recording": out,
+        "shots": shots,
+        "image": [simulation.camera.width, simulation.camera.height],
+        "pallets": len(simulation.aisle.pallets),
+        "way_m": simulation.approach.length,
+        "duration_s": simulation.approach.duration,
+    }
+    return Shown(document, (_summary(simulation), f"recording: {out}"))
 
 
 def save_simulation(folder: Path, simulation: Simulation, images: Iterable[Image] | None = None) -> None:
@@ -104,15 +129,15 @@ def save_simulation(folder: Path, simulation: Simulation, images: Iterable[Image
     write_recording(folder, recording, shots, Truth(simulation.truth, pallets))
 
 
-def _counted(images: Iterable[Image], count: int, console: Console) -> Iterator[Image]:
-    """Return the images, with a bar that shows how many are made."""
-    yield from track(
-        images, "rendering", total=count, console=console, transient=True, disable=not console.is_terminal
-    )
+def _counted(images: Iterable[Image], advance: Callable[[], None]) -> Iterator[Image]:
+    """Return the images, and tell of each that is made."""
+    for image in images:
+        yield image
+        advance()
 
 
 def _summary(simulation: Simulation) -> Table:
-    table = Table(show_header=False, show_edge=False, box=box.SIMPLE)
+    table = plain_table()
     table.add_row("shots", str(simulation.spec.shots))
     table.add_row("image", f"{simulation.camera.width} x {simulation.camera.height}")
     table.add_row("pallets", str(len(simulation.aisle.pallets)))

@@ -12,13 +12,14 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from PIL import Image as PillowImage
 
+from palletloc.drawing.overlay import MEASURED as MEASURED
+from palletloc.drawing.overlay import REFUSED as REFUSED
+from palletloc.drawing.overlay import STARTED as STARTED
 from palletloc.geometry import Image
 from palletloc.plane import PlaneView
 
 INK, FAINT, GRID = "#22262b", "#6b7280", "#d9dde3"
 """Texts and axes, what is less important, and lines behind the data."""
-MEASURED, STARTED, REFUSED = "#29e35b", "#ffd21f", "#ff4d7d"
-"""On photographs: what was measured, what it began with, and what was given up."""
 SERIES = ("#0b6bcb", "#c2410c", "#15803d", "#7e22ce", "#a16207", "#0e7490")
 """On paper: one colour after another."""
 SIGMA, DEGREE, PLUS_MINUS, TIMES, MINUS = (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -19,7 +20,8 @@ _JUMP = 0.125
 """Part of the image's height over which neighbours do not lie apart, unless another lens sees the second."""
 
 
-def face_outline(model: PalletModel, step: float = 0.01) -> list[FloatArray]:
+@lru_cache(maxsize=64)
+def face_outline(model: PalletModel, step: float = 0.01) -> tuple[FloatArray, ...]:
     """Return the lines of a front face with its rounded corners.
 
     Parameters
@@ -31,9 +33,9 @@ def face_outline(model: PalletModel, step: float = 0.01) -> list[FloatArray]:
 
     Returns
     -------
-    list of (n, 2) arrays
+    tuple of (n, 2) arrays
         Right and up in metres, from the middle of the lower edge. The outline, which goes around openings at
-        the floor, and each other opening; all are closed.
+        the floor, and each other opening; all are closed, and none can be written into.
     """
     half = model.width / 2
     feet = [opening for opening in model.openings if opening.open_below]
@@ -49,7 +51,9 @@ def face_outline(model: PalletModel, step: float = 0.01) -> list[FloatArray]:
             (left, right), (low, high) = (opening.left, opening.right), (opening.bottom, opening.top)
             box = [(left, low), (left, high), (right, high), (right, low)]
             lines.append(_rounded(box, [opening.radius] * 4, step))
-    return lines
+    for line in lines:
+        line.flags.writeable = False
+    return tuple(lines)
 
 
 def _rounded(corners: list[tuple[float, float]], radii: list[float], step: float) -> FloatArray:

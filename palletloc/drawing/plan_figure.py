@@ -30,22 +30,20 @@ _MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100)
 """Factors by which ellipses and fans may be drawn larger: those that people read easily."""
 _CLEAR, _LARGEST = 0.12, 0.5
 """Half axis of three standard deviations that is easy to see, and the most that magnifying makes of it, in metres."""
-_CLEAR_FAN, _LARGEST_FAN = 0.05, 0.35
-"""The same for half the angle of a fan, in radians."""
+_LARGEST_FAN = 1.4
+"""The most for half the angle of a fan, in radians: less than a right angle."""
 _ROW, _TABLE_HEAD = 22, 30
 """Height of a row of the table and of its head, in pixels."""
 _COLUMNS = (
     ("pallet", 10, "left"),
-    ("height m", 170, "right"),
-    ("ahead m", 270, "right"),
-    ("left m", 360, "right"),
-    ("long half axis mm", 510, "right"),
-    ("short half axis mm", 660, "right"),
-    (f"height {canvas.SIGMA} mm", 780, "right"),
-    (f"yaw {canvas.DEGREE}", 880, "right"),
-    (f"yaw {canvas.SIGMA} {canvas.DEGREE}", 980, "right"),
-    ("ellipse drawn", 1085, "right"),
-    ("fan drawn", 1170, "right"),
+    ("height m", 200, "right"),
+    ("ahead m", 320, "right"),
+    ("left m", 440, "right"),
+    ("long half axis mm", 610, "right"),
+    ("short half axis mm", 780, "right"),
+    (f"height {canvas.SIGMA} mm", 920, "right"),
+    (f"yaw {canvas.DEGREE}", 1040, "right"),
+    (f"yaw {canvas.SIGMA} {canvas.DEGREE}", 1170, "right"),
 )
 """Title, place in pixels, alignment."""
 _NAME_PLACES = [(depth, side) for side in (0.0, 0.28, -0.28) for depth in (0.75, 0.5, 0.3)]
@@ -70,7 +68,7 @@ def plan_figure(pallets: Sequence[Placed], mounting: Mounting, shelf: ShelfPlane
     -------
     Figure
         Ahead is to the right, the forklift's left is up. Ellipses and fans show one and three standard deviations
-        of position and yaw; where they would be too small to be seen, magnified by a factor that the figure states.
+        of position and yaw, all of them magnified by one factor that the figure states: sizes can be compared.
     """
     corners = [_corners(model, pose) for _, model, pose, _ in pallets]
     x, y, _ = mounting.center
@@ -92,12 +90,13 @@ def plan_figure(pallets: Sequence[Placed], mounting: Mounting, shelf: ShelfPlane
     if shelf is not None:
         _draw_shelf(axes, shelf)
     _draw_forklift(axes, mounting)
-    names: list[FloatArray] = []
+    larger, names = _magnification([covariance for *_, covariance in pallets]), list[FloatArray]()
     for i, pallet in enumerate(sorted(pallets, key=lambda pallet: pallet[2].x)):
-        _draw_pallet(axes, pallet, canvas.SERIES[i % len(canvas.SERIES)])
+        _draw_pallet(axes, pallet, canvas.SERIES[i % len(canvas.SERIES)], larger)
         names.append(_write_name(axes, pallet, canvas.SERIES[i % len(canvas.SERIES)], names, 150 / scale))
     canvas.add_text(figure, _LEFT, 14, "The aisle from above, in the forklift's frame", size=13, bold=True)
-    line = "Ellipses: position, fans: yaw; one and three standard deviations, magnified as the table tells"
+    drawn = f"all drawn {larger} times as large" if larger > 1 else "to scale"
+    line = f"Ellipses: position, fans: yaw; one and three standard deviations, {drawn}"
     canvas.add_text(figure, _LEFT, 40, line, size=10.5)
     canvas.add_legend(figure, _HEAD + height + 50, axes)
     if pallets:
@@ -113,15 +112,17 @@ def _page(low: FloatArray, high: FloatArray) -> tuple[float, float, float]:
     return width, max(float(size[1] * scale), _LEAST_PX), float(scale)
 
 
-def _magnifications(covariance: FloatArray) -> tuple[int, int]:
-    """Return how many times as large the ellipse and the fan are drawn: as little as makes them easy to see."""
-    axis, angle = 3 * float(_half_axes(covariance)[0]), 3 * float(np.sqrt(covariance[3, 3]))
-    return _magnification(axis, _CLEAR, _LARGEST), _magnification(angle, _CLEAR_FAN, _LARGEST_FAN)
+def _magnification(covariances: Sequence[FloatArray]) -> int:
+    """Return how many times as large ellipses and fans are drawn: as little as makes the smallest easy to see.
 
-
-def _magnification(size: float, clear: float, largest: float) -> int:
-    fitting = [times for times in _MAGNIFICATIONS if times * size <= largest]
-    return next((times for times in fitting if times * size >= clear), (fitting or [1])[-1])
+    Where the largest would become too large by that, it is the most that this one allows.
+    """
+    if not covariances:
+        return 1
+    axes = [3 * float(_half_axes(covariance)[0]) for covariance in covariances]
+    angle = max(3 * float(np.sqrt(covariance[3, 3])) for covariance in covariances)
+    fitting = [times for times in _MAGNIFICATIONS if times * max(axes) <= _LARGEST and times * angle <= _LARGEST_FAN]
+    return next((times for times in fitting if times * min(axes) >= _CLEAR), (fitting or [1])[-1])
 
 
 def _half_axes(covariance: FloatArray) -> FloatArray:
@@ -136,15 +137,14 @@ def _corners(model: PalletModel, pose: LevelPose) -> FloatArray:
     return np.asarray(pose.transform().apply(corners)[:, :2])
 
 
-def _draw_pallet(axes: Axes, pallet: Placed, color: str) -> None:
+def _draw_pallet(axes: Axes, pallet: Placed, color: str, larger: int) -> None:
     _, model, pose, covariance = pallet
     corners = _corners(model, pose)
     axes.add_patch(Polygon(corners, facecolor=color, alpha=0.10, edgecolor="none"))
     axes.add_patch(Polygon(corners, fill=False, edgecolor=color, linewidth=0.9, alpha=0.7))
     axes.plot(*corners[:2].T, color=color, linewidth=3.2, solid_capstyle="butt")
-    larger, wider = _magnifications(covariance)
     for count, alpha in ((3, 0.16), (1, 0.34)):
-        axes.add_patch(_fan(pose, count * wider * float(np.sqrt(covariance[3, 3])), color, alpha))
+        axes.add_patch(_fan(pose, count * larger * float(np.sqrt(covariance[3, 3])), color, alpha))
         axes.add_patch(_ellipse(pose, covariance, count * larger, color))
     axes.plot(pose.x, pose.y, "o", color=color, markersize=3)
 
@@ -197,7 +197,6 @@ def _draw_table(figure: Figure, top: float, pallets: Sequence[Placed]) -> None:
         values = (round(value, 3) + 0.0 for value in (pose.z, pose.x, pose.y))
         cells = [name, *(f"{value:.3f}" for value in values), f"{long:.1f}", f"{short:.1f}", f"{rise:.1f}"]
         cells += [f"{np.degrees(pose.yaw):.2f}", f"{turn:.3f}"]
-        cells += [f"{canvas.TIMES} {times}" for times in _magnifications(covariance)]
         for cell, (_, at, align) in zip(cells, _COLUMNS, strict=True):
             text = axes.text(
                 at,

@@ -26,7 +26,7 @@ _ABOVE, _BELOW, _BESIDE = 0.40, 0.30, 0.5
 """Space around the outlines, in metres."""
 _LEAST_WIDTH = 4.0
 """Least width of what is drawn of the shelf, in metres: a lone pallet keeps its surroundings."""
-_LEFT, _RIGHT, _HEAD, _CHART, _GAP, _FOOT = 62, 20, 50, 150, 34, 44
+_LEFT, _RIGHT, _HEAD, _CHART, _GAP, _FOOT = 62, 20, 50, 150, 46, 44
 """Borders of the page, height of a chart of scores, gap between axes, in pixels."""
 _POINT_PX, _GAP_PX = 10.0, 3.0
 """Side of the square that a point takes, and its distance from a name."""
@@ -75,7 +75,9 @@ def shelf_figure(views: Sequence[ShelfView], candidates: Named) -> Figure:
         _draw_view(view_axes, band)
         _draw_scores(score_axes, band)
         top += height + _CHART + 2 * _GAP
-    score_axes.set_xlabel("along the shelf, to the right of the point nearest to the camera (m)")
+    score_axes.set_xlabel(
+        "place along the shelf's front as seen from the aisle: metres to the right of the point nearest to the camera"
+    )
     canvas.add_legend(figure, top + 12, view_axes)
     return figure
 
@@ -146,6 +148,7 @@ def _draw_view(axes: Axes, band: _Band) -> None:
     canvas.show_view(axes, band.view)
     left, right, bottom, top = band.limits
     axes.set(xlim=(left, right), ylim=(bottom, top), ylabel="height (m)")
+    axes.set_xlabel("along the shelf (m)", labelpad=1)
     axes.plot([], [], color=canvas.MEASURED, linewidth=2.5, label="pallet, as measured")
     axes.plot([], [], color=canvas.REFUSED, linewidth=1.3, linestyle="--", label="given up, as detected")
     for name, outcome, lines in sorted(band.outlines, key=lambda outlined: isinstance(outlined[1], Fit)):

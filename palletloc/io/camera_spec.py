@@ -17,7 +17,7 @@ from palletloc.cameras.equirectangular import Equirectangular
 from palletloc.cameras.eucm import Eucm
 from palletloc.cameras.kannala_brandt import KannalaBrandt
 from palletloc.cameras.mei import Mei
-from palletloc.cameras.pinhole import Pinhole
+from palletloc.cameras.pinhole import Pinhole, RationalPinhole
 from palletloc.cameras.protocol import CameraModel
 from palletloc.cameras.stitched_equirectangular import StitchedEquirectangular, StitchedLens
 from palletloc.io.schema import (
@@ -30,6 +30,7 @@ from palletloc.io.schema import (
     LensSpec,
     MeiSpec,
     PinholeSpec,
+    RationalPinholeSpec,
     StitchedLensSpec,
     StitchedSpec,
     Triple,
@@ -119,6 +120,9 @@ class _LensForm:
 
 _LENSES = {
     "pinhole": _LensForm(PinholeSpec, Pinhole, {"distortion": ("k1", "k2", "p1", "p2", "k3")}),
+    "rational_pinhole": _LensForm(
+        RationalPinholeSpec, RationalPinhole, {"distortion": ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")}
+    ),
     "kannala_brandt": _LensForm(KannalaBrandtSpec, KannalaBrandt, {"distortion": ("k1", "k2", "k3", "k4")}),
     "mei": _LensForm(MeiSpec, Mei, {"xi": ("xi",), "distortion": ("k1", "k2", "p1", "p2")}),
     "double_sphere": _LensForm(DoubleSphereSpec, DoubleSphere, {"xi": ("xi",), "alpha": ("alpha",)}),

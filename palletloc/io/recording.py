@@ -24,6 +24,7 @@ from palletloc.io.camera_spec import (
 from palletloc.io.csv_table import TableError, format_number, in_order_of_time, read_rows, write_rows
 from palletloc.io.images import read_image, write_image
 from palletloc.io.measurements import format_time
+from palletloc.io.odometry_check import OdometryColumns, check_odometry, check_times
 from palletloc.io.reading import InputError, read_bytes
 from palletloc.io.schema import MountingSpec, RecordingSpec, ShelfSpec
 from palletloc.io.truth import Truth, write_truth
@@ -82,6 +83,8 @@ class Recording:
     """Standard deviations of the mounting along the forklift's axes, in metres; None where unknown."""
     rotation_sigma: tuple[float, float, float] | None = None
     """Standard deviations of the mounting about the forklift's axes, in radians; None where unknown."""
+    notes: tuple[str, ...] = ()
+    """What was strange when the files were read, one line each."""
 
     @property
     def mounting(self) -> Mounting:
@@ -203,16 +206,20 @@ def read_recording(folder: str | Path) -> Recording:
         camera = camera_from_spec(spec.camera)
     except ValueError as error:
         raise DocumentError(f"{path}: camera: {error}") from error
+    models, shots = _read_models(folder, spec.pallets), _read_shots(folder / SHOTS)
+    odometry, notes = _read_odometry(folder / ODOMETRY)
+    check_times(folder / SHOTS, np.array([shot.time for shot in shots]))
     return Recording(
         folder,
         camera,
         transform_from_angles(mounting.translation_m, mounting.roll_pitch_yaw_deg),
         _shelf(spec.shelf),
-        _read_models(folder, spec.pallets),
-        _read_shots(folder / SHOTS),
-        _read_odometry(folder / ODOMETRY),
+        models,
+        shots,
+        odometry,
         mounting.translation_sigma_m,
         _scaled(mounting.rotation_sigma_deg, np.pi / 180),
+        notes,
     )
 
 
@@ -241,14 +248,15 @@ def _read_shots(path: Path) -> tuple[ShotFile, ...]:
     return shots
 
 
-def _read_odometry(path: Path) -> Trajectory:
+def _read_odometry(path: Path) -> tuple[Trajectory, tuple[str, ...]]:
     rows = in_order_of_time(read_rows(path, _ODOMETRY_COLUMNS))
     cells = (row.number(column) for row in rows for column in _ODOMETRY_COLUMNS)
     numbers = np.fromiter(cells, dtype=np.float64)
     if not numbers.size:
         raise TableError(f"{path}: has no rows; expected at least one pose")
     times, x, y, yaw, speed, yaw_rate = numbers.reshape(-1, len(_ODOMETRY_COLUMNS)).T
-    return Trajectory(times, x, y, yaw, speed=speed, yaw_rate=yaw_rate)
+    notes = check_odometry(path, OdometryColumns(times, x, y, yaw, speed, yaw_rate))
+    return Trajectory(times, x, y, yaw, speed=speed, yaw_rate=yaw_rate), notes
 
 
 def check_shelf(recording: Recording) -> None:

@@ -25,6 +25,8 @@ _FourNumbers = Annotated[tuple[float, float, float, float], BeforeValidator(Numb
 """Four finite numbers."""
 _FiveNumbers = Annotated[tuple[float, float, float, float, float], BeforeValidator(Numbers(5))]
 """Five finite numbers."""
+_EightNumbers = Annotated[tuple[float, float, float, float, float, float, float, float], BeforeValidator(Numbers(8))]
+"""Eight finite numbers."""
 Pixels = Annotated[int, Field(strict=True, gt=0, le=MAX_SIDE_PX)]
 """Width or height of an image."""
 
@@ -57,6 +59,14 @@ class PinholeSpec(_LensKeys, _CameraKeys):
     model: Literal["pinhole"]
     distortion: _FiveNumbers
     """k1, k2, p1, p2, k3, as OpenCV orders them."""
+
+
+class RationalPinholeSpec(_LensKeys, _CameraKeys):
+    """A pinhole camera with the rational distortion of OpenCV."""
+
+    model: Literal["rational_pinhole"]
+    distortion: _EightNumbers
+    """k1, k2, p1, p2, k3, k4, k5, k6, as OpenCV orders them."""
 
 
 class KannalaBrandtSpec(_LensKeys, _CameraKeys):
@@ -140,6 +150,7 @@ CameraSpec = Annotated[
     | DoubleSphereSpec
     | EucmSpec
     | PinholeSpec
+    | RationalPinholeSpec
     | DualFisheyeSpec
     | StitchedSpec,
     Field(discriminator="model"),

@@ -212,7 +212,8 @@ def aisle_figure(truth: RecordingTruth, run: EvaluatedRun) -> Figure:
     figure = titled_figure(_MAP_HEAD + height + _MAP_FOOT, title, explained, _MAP_LEFT)
     axes = add_axes(figure, _MAP_LEFT, _MAP_HEAD, width, height)
     axes.set(xlim=(low[0] - spare[0], high[0] + spare[0]), ylim=(low[1] - spare[1], high[1] + spare[1]))
-    axes.set(xlabel="x (m)", ylabel="y (m)")
+    frame = "the forklift's frame at the first shot" if truth.path is None else "the frame of the truth"
+    axes.set(xlabel=f"x in {frame} (m)", ylabel="y (m)")
     add_grid(axes)
     for (name, _, pose), corners in zip(pallets, drawn, strict=True):
         axes.add_patch(Polygon(corners, facecolor="#eef1f4", edgecolor=FAINT, linewidth=0.9))

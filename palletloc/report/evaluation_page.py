@@ -179,8 +179,8 @@ def _worst(shots: Sequence[WorstShot]) -> Iterator[str]:
         return
     yield heading("The worst shots", level=3)
     yield paragraph(
-        "Single shots with the largest error in parts of what is allowed. In the pictures: pink the true face, green"
-        " the measured one."
+        "Single shots with the largest error in parts of what is allowed. In the pictures: wide and pink the true"
+        " face, narrow and green the measured one; below, both enlarged beside each other."
     )
     for number, shot in enumerate(shots):
         cells = ", ".join(
@@ -192,6 +192,9 @@ def _worst(shots: Sequence[WorstShot]) -> Iterator[str]:
         )
         if shot.picture:
             yield picture(embedded(shot.picture, "jpeg"), text)
+            yield picture(
+                embedded(shot.closer, "jpeg"), "The same face: where it truly is, and where it was measured."
+            )
         else:
             yield paragraph(text + (f" No picture: {shot.problem}." if shot.problem else ""))
         if shot.stages:

@@ -28,9 +28,14 @@ $body
 """)
 """The page, without its title, style and body."""
 _STYLE = """\
-:root { color-scheme: light; --ink: #22262b; --faint: #5b6470; --line: #d9dde3; --soft: #f4f6f8; }
+:root { color-scheme: light dark; --paper: #fff; --ink: #22262b; --faint: #5b6470; --line: #d9dde3; --soft: #f4f6f8;
+  --link: #0b5cad; --found: #15803d; --picture: none; }
+@media (prefers-color-scheme: dark) {
+  :root { --paper: #15181c; --ink: #e4e7eb; --faint: #a4adb8; --line: #3a414a; --soft: #20252b;
+    --link: #7ab8f5; --found: #4ade80; --picture: brightness(0.86); }
+}
 * { box-sizing: border-box; }
-body { margin: 0; background: #fff; color: var(--ink);
+body { margin: 0; background: var(--paper); color: var(--ink); overflow-wrap: anywhere;
   font: 16px/1.55 system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif; }
 main { max-width: 1040px; margin: 0 auto; padding: 40px 20px 64px; }
 h1 { font-size: 2rem; line-height: 1.2; margin: 0 0 12px; letter-spacing: -0.01em; }
@@ -41,21 +46,36 @@ p { max-width: 46em; margin: 0 0 14px; }
 .figures div { background: var(--soft); border-radius: 8px; padding: 14px 16px; }
 .figures b { display: block; font-size: 1.6rem; line-height: 1.2; font-variant-numeric: tabular-nums; }
 .figures span { color: var(--faint); font-size: 0.92rem; }
+a { color: var(--link); }
 figure { margin: 22px 0; }
-figure img { display: block; width: 100%; height: auto; border: 1px solid var(--line); border-radius: 8px; }
+img { display: block; max-width: 100%; height: auto; background: #fff; filter: var(--picture); }
+figure img { width: 100%; border: 1px solid var(--line); border-radius: 8px; }
 details { margin: 0 0 26px; border-left: 3px solid var(--line); padding-left: 16px; }
 summary { cursor: pointer; color: var(--faint); }
 figcaption { color: var(--faint); font-size: 0.95rem; margin-top: 8px; max-width: 52em; }
 .wide { overflow-x: auto; }
-.wide img { min-width: 680px; }
+.wide img { min-width: 680px; max-width: none; }
 .wide + p { margin-top: 18px; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: 0.95rem; width: 100%; }
 th, td { padding: 6px 12px 6px 0; text-align: right; white-space: nowrap; border-bottom: 1px solid var(--line); }
 th { color: var(--faint); font-weight: 600; vertical-align: bottom; }
 th.text, td.text { text-align: left; }
+td.wraps { white-space: normal; overflow-wrap: normal; min-width: 14em; }
 th.text:last-child, td.text:last-child { padding-left: 12px; }
 code { font: 0.92em/1.5 ui-monospace, SFMono-Regular, Menlo, Consolas, monospace; }
 pre { background: var(--soft); border-radius: 8px; padding: 14px 16px; overflow-x: auto; margin: 14px 0; }
+.tiles { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(300px, 100%), 1fr)); gap: 20px; }
+.tiles figure { margin: 0; }
+.tiles pre { padding: 8px 10px; margin: 8px 0 0; font-size: 0.8rem; }
+.tiles b { display: block; color: var(--ink); }
+.plan { display: block; width: 100%; height: auto; max-height: 640px; background: var(--soft); border-radius: 8px; }
+.plan path, .plan circle { fill: none; stroke-width: 1; vector-effect: non-scaling-stroke; }
+.plan .grid { stroke: var(--line); }
+.plan .shelf { stroke: var(--faint); stroke-dasharray: 8 5; }
+.plan .path { stroke: var(--faint); }
+.plan circle { fill: var(--ink); }
+.plan .pallet { fill: var(--found); fill-opacity: 0.08; stroke: var(--found); stroke-opacity: 0.5; }
+.plan .front { stroke: var(--found); stroke-width: 2.5; }
 dl { display: grid; grid-template-columns: max-content 1fr; gap: 4px 20px; }
 dd { margin: 0; color: var(--faint); }
 @media (max-width: 560px) {
@@ -64,7 +84,10 @@ dd { margin: 0; color: var(--faint); }
   dl { grid-template-columns: 1fr; }
   dd { margin-bottom: 10px; }
 }"""
-"""Its style: one column that narrow screens can show, too."""
+"""Its style: one column that narrow screens can show, too, in the reader's choice of light or dark.
+
+Pictures keep their white paper, a little darker where all around them is dark.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +112,28 @@ class Column:
     """What stands above it."""
     is_text: bool = False
     """Whether its cells are words, which stand at the left, and not numbers."""
+    wraps: bool = False
+    """Whether its cells are sentences, which may take several lines."""
+
+    @property
+    def kind(self) -> str:
+        """Attribute of its cells."""
+        kinds = [name for name, holds in (("text", self.is_text), ("wraps", self.wraps)) if holds]
+        return f' class="{" ".join(kinds)}"' if kinds else ""
+
+
+@dataclass(frozen=True, slots=True)
+class Tile:
+    """A small picture among others, with what belongs to it."""
+
+    source: str
+    """The picture, relative to the page; empty where there is none."""
+    name: str
+    """What it is of."""
+    text: str
+    """What it shows."""
+    command: str
+    """What shows more."""
 
 
 def page(title: str, parts: Iterable[str]) -> str:
@@ -125,6 +170,23 @@ def picture(source: str, caption: str, *, keep_wide: bool = False) -> str:
     return f"<figure>{image}<figcaption>{text}</figcaption></figure>"
 
 
+def drawing(svg: str, caption: str) -> str:
+    """Return a drawing, an ``svg`` element, with its caption in plain text."""
+    return f"<figure>{svg}<figcaption>{escape(caption)}</figcaption></figure>"
+
+
+def gallery(tiles: Iterable[Tile]) -> str:
+    """Return small pictures side by side, as many as there is room for."""
+    return "\n".join(['<div class="tiles">', *(_tile(tile) for tile in tiles), "</div>"])
+
+
+def _tile(tile: Tile) -> str:
+    source, name = escape(tile.source), escape(tile.name)
+    image = f'<a href="{source}"><img src="{source}" alt="{name}" loading="lazy"></a>' if source else ""
+    text = f"<figcaption><b>{name}</b>{escape(tile.text)}</figcaption>"
+    return f"<figure>{image}{text}<pre><code>{escape(tile.command)}</code></pre></figure>"
+
+
 def folded(summary: str, parts: Iterable[str], *, is_open: bool = False) -> str:
     """Return parts of a page that a click on a line of plain text shows and hides."""
     attribute = " open" if is_open else ""
@@ -138,7 +200,7 @@ def embedded(content: bytes, kind: str = "png") -> str:
 
 def table(columns: Sequence[Column], rows: Iterable[Sequence[Cell]]) -> str:
     """Return a table, which a narrow screen scrolls."""
-    kinds = [' class="text"' if column.is_text else "" for column in columns]
+    kinds = [column.kind for column in columns]
     head = "".join(f"<th{kind}>{escape(column.heading)}</th>" for kind, column in zip(kinds, columns, strict=True))
     body = "\n".join(
         "<tr>" + "".join(f"<td{kind}>{_cell(cell)}</td>" for kind, cell in zip(kinds, row, strict=True)) + "</tr>"

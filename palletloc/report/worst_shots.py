@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,7 +14,7 @@ import numpy as np
 from palletloc.candidate import Fit, Refusal
 from palletloc.choices import Method
 from palletloc.drawing.canvas import MEASURED, REFUSED, as_jpeg
-from palletloc.drawing.overlay import Mark, cut_out, draw_overlay, region_of_interest
+from palletloc.drawing.overlay import Mark, cut_out, draw_overlay, draw_part, region_of_interest, write_title
 from palletloc.drawing.stages import Picture, shelf_pictures, step_pictures
 from palletloc.errors import PalletLocError
 from palletloc.evaluation.pose_error import PalletEstimate, PoseError
@@ -31,6 +31,10 @@ WORST = 4
 """How many are shown, where nothing else is asked."""
 _WIDEST, _QUALITY = 1040, 85
 """Most width of a picture in pixels, that of the page, and its JPEG quality: outlines stay sharp to the eye."""
+_CLOSE = 0.02
+"""Least width of the part of a shot that is enlarged, in parts of the image's."""
+_TITLES = ("true", "measured")
+"""What the enlarged parts show."""
 _SAME = 1e-3
 """Largest difference of a pose that counts as the same, in metres and radians."""
 
@@ -57,6 +61,8 @@ class WorstShot:
     """Largest error, in parts of what is allowed."""
     picture: bytes
     """JPEG of the part of the shot around the pallet; empty where the image cannot be read."""
+    closer: bytes = b""
+    """JPEG of the true face beside the measured one, enlarged; empty where there is no picture."""
     stages: ShotStages | None = None
     """How the localizer came to the pose; None where there is no picture."""
     problem: str = ""
@@ -110,30 +116,38 @@ def _share(error: PoseError, requirement: Requirement) -> float:
 def _drawn(worst: WorstShot, shot: ShotFile, job: Job) -> WorstShot:
     """Return a shot with its pictures, or with why there is none."""
     try:
-        picture = _picture(worst.error, job.recording.image(shot), job.recording)
+        picture, closer = _pictures_of(worst.error, job.recording.image(shot), job.recording)
         stages = _shot_stages(job, shot, worst.error.estimate)
     except PalletLocError as error:
         return replace(worst, problem=str(error))
-    return replace(worst, picture=picture, stages=stages)
+    return replace(worst, picture=picture, closer=closer, stages=stages)
 
 
-def _picture(error: PoseError, image: Image, recording: Recording) -> bytes:
+def _pictures_of(error: PoseError, image: Image, recording: Recording) -> tuple[bytes, bytes]:
+    """Return the part of the shot around a pallet, and the true and the measured face enlarged side by side."""
     models = {model.name: model for model in recording.models}
     face, estimate = error.face, error.estimate
-    marks = [Mark(models[face.model], face.forklift_from_pallet, REFUSED, heading=False)]
+    # a measured line runs along the middle of a true one, and both can be seen where they agree
+    marks = [Mark(models[face.model], face.forklift_from_pallet, REFUSED, heading=False, width=3.0, halo=False)]
     if estimate.model in models:
-        marks.append(Mark(models[estimate.model], estimate.forklift_from_pallet, MEASURED, heading=False))
-    return _cut(image, recording, marks)
-
-
-def _cut(image: Image, recording: Recording, marks: Sequence[Mark]) -> bytes:
+        pose = estimate.forklift_from_pallet
+        marks.append(Mark(models[estimate.model], pose, MEASURED, heading=False, width=1.0, halo=False))
     camera, camera_from_forklift = recording.camera, recording.forklift_from_camera.inv()
     drawn = draw_overlay(image, camera, camera_from_forklift, marks)
-    part = cut_out(drawn, region_of_interest(camera, camera_from_forklift, marks))
-    if part.shape[1] > _WIDEST:
-        height = round(part.shape[0] * _WIDEST / part.shape[1])
-        part = np.asarray(cv2.resize(part, (_WIDEST, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
-    _, content = cv2.imencode(".jpg", part, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+    whole = cut_out(drawn, region_of_interest(camera, camera_from_forklift, marks))
+    region = region_of_interest(camera, camera_from_forklift, marks, _CLOSE)
+    panels = [
+        write_title(draw_part(image, camera, camera_from_forklift, [thin], region, _WIDEST // 2), title, thin.color)
+        for thin, title in zip((replace(mark, width=2.0, halo=False) for mark in marks), _TITLES, strict=False)
+    ]
+    return _jpeg(whole), _jpeg(np.concatenate(panels, axis=1))
+
+
+def _jpeg(picture: Image) -> bytes:
+    if picture.shape[1] > _WIDEST:
+        height = round(picture.shape[0] * _WIDEST / picture.shape[1])
+        picture = np.asarray(cv2.resize(picture, (_WIDEST, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    _, content = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
     return content.tobytes()
 
 

@@ -105,9 +105,9 @@ def broken(snapshot: dict[str, Any], place: Sequence[Any], value: Any) -> dict[s
 @pytest.mark.parametrize(
     ("path", "value", "words"),
     [
-        ("version", 2, "version: expected 3, got 2"),
-        ("version", KeyError, "version: expected 3, got None"),
-        ("version", True, "version: expected 3, got True"),
+        ("version", 2, "version: expected 4, got 2"),
+        ("version", KeyError, "version: expected 4, got None"),
+        ("version", True, "version: expected 4, got True"),
         ("shots", KeyError, "shots: is missing"),
         ("more", 1, "more: is unknown"),
         ("newest", "soon", "newest: expected a finite number"),

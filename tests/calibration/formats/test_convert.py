@@ -24,6 +24,7 @@ from palletloc.cameras import (
     KannalaBrandt,
     Mei,
     Pinhole,
+    RationalPinhole,
 )
 from palletloc.geometry import FloatArray
 from palletloc.io.camera_spec import spec_from_camera
@@ -36,13 +37,16 @@ CAMERAS: dict[str, CameraModel] = {
     "double_sphere": DoubleSphere(752, 480, 210.0, 211.0, 365.8, 249.4, -0.24, 0.566, 1.6),
     "eucm": Eucm(752, 480, 210.0, 211.0, 365.8, 248.9, 0.586, 1.139, 1.6),
     "pinhole": Pinhole(800, 600, 520.0, 525.0, 405.0, 296.0, -0.28, 0.09, 0.002, -0.0015),
+    "rational_pinhole": RationalPinhole(
+        *(800, 600, 520.0, 525.0, 405.0, 296.0), *(0.35, -0.12, 0.0012, -0.0008, 0.03, 0.61, -0.05, 0.02)
+    ),
 }
 HOLDS = {
     "palletloc": tuple(CAMERAS),
-    "kalibr": tuple(CAMERAS),
-    "basalt": ("kannala_brandt", "double_sphere", "eucm", "pinhole"),
-    "ros": ("kannala_brandt", "pinhole"),
-    "opencv": ("kannala_brandt", "mei", "pinhole"),
+    "kalibr": ("kannala_brandt", "mei", "double_sphere", "eucm", "pinhole"),
+    "basalt": ("kannala_brandt", "double_sphere", "eucm", "pinhole", "rational_pinhole"),
+    "ros": ("kannala_brandt", "pinhole", "rational_pinhole"),
+    "opencv": ("kannala_brandt", "mei", "pinhole", "rational_pinhole"),
 }
 PLAIN = ", distortion_model: none, distortion_coeffs: []"
 SUFFIX = {"palletloc": ".yaml", "kalibr": ".yaml", "basalt": ".json", "ros": ".yaml", "opencv": ".xml"}

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from palletloc.cameras import CameraModel, DualFisheye, FisheyeLens, KannalaBrandt, Pinhole
+from palletloc.cameras import CameraModel, DualFisheye, FisheyeLens, KannalaBrandt, Pinhole, RationalPinhole
 from palletloc.geometry import FloatArray
 
 FISHEYE_TERMS = {"k1": 0.03, "k2": -0.012, "k3": 0.002, "k4": -0.0002}
@@ -29,6 +29,12 @@ PINHOLES = {
     "brown": Pinhole(800, 600, 520.0, 525.0, 405.0, 296.0, **BROWN_TERMS),
     "brown_folding": Pinhole(800, 600, 300.0, 300.0, 405.0, 296.0, k1=-0.25, p1=0.01, p2=-0.008),
     "pincushion": Pinhole(800, 600, 400.0, 400.0, 400.0, 300.0, k1=0.2, p1=-0.003, k3=0.05),
+}
+RATIONAL_TERMS = (0.35, -0.12, 0.0012, -0.0008, 0.03, 0.61, -0.05, 0.02)
+RATIONALS = {
+    "rational": RationalPinhole(1200, 1000, 520.0, 525.0, 605.0, 496.0, *RATIONAL_TERMS),
+    "rational_wide": RationalPinhole(1200, 1000, 420.0, 424.0, 598.0, 503.0, 6.5, 2.4, 0.0, 0.0, 0.08, 6.8, 4.1, 0.6),
+    "rational_folding": RationalPinhole(800, 600, 300.0, 300.0, 405.0, 296.0, k1=0.1, p1=0.01, p2=-0.008, k4=0.6),
 }
 FULL_SPHERE = KannalaBrandt(900, 900, 140.0, 140.0, 449.5, 449.5, max_angle=np.pi)
 

@@ -7,20 +7,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform
 
-from palletloc.cameras import DualFisheye, Equirectangular, FisheyeLens, KannalaBrandt, Pinhole
+from palletloc.cameras import DualFisheye, Equirectangular, FisheyeLens, KannalaBrandt, Pinhole, RationalPinhole
 from palletloc.geometry import FloatArray
 from tests.palletloc.cameras.sample_cameras import (
     DUAL,
     FISHEYE_TERMS,
     FULL_SPHERE,
     PINHOLES,
+    RATIONALS,
     image_pixels,
     opencv_points,
     random_points,
 )
 
 
-def camera_matrix(camera: KannalaBrandt | Pinhole) -> FloatArray:
+def camera_matrix(camera: KannalaBrandt | Pinhole | RationalPinhole) -> FloatArray:
     return np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
 
 
@@ -136,6 +137,17 @@ class TestPinhole:
         ours = camera.project(points)
         assert ours.valid.sum() > 1000
         terms = np.array([camera.k1, camera.k2, camera.p1, camera.p2, camera.k3])
+        seen = opencv_points(points[ours.valid])
+        theirs, _ = cv2.projectPoints(seen, np.zeros(3), np.zeros(3), camera_matrix(camera), terms)
+        np.testing.assert_allclose(ours.pixels[ours.valid], np.asarray(theirs)[:, 0], atol=1e-8)
+
+    @pytest.mark.parametrize("name", RATIONALS)
+    def test_a_rational_one_agrees_with_opencv(self, name: str) -> None:
+        camera = RATIONALS[name]
+        points = random_points(20_000)
+        ours = camera.project(points)
+        assert ours.valid.sum() > 1000
+        terms = np.array([getattr(camera, term) for term in ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")])
         seen = opencv_points(points[ours.valid])
         theirs, _ = cv2.projectPoints(seen, np.zeros(3), np.zeros(3), camera_matrix(camera), terms)
         np.testing.assert_allclose(ours.pixels[ours.valid], np.asarray(theirs)[:, 0], atol=1e-8)

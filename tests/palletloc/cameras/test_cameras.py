@@ -16,6 +16,7 @@ from palletloc.cameras import (
     KannalaBrandt,
     Mei,
     Pinhole,
+    RationalPinhole,
     StitchedEquirectangular,
     StitchedLens,
 )
@@ -25,6 +26,7 @@ from tests.palletloc.cameras.sample_cameras import (
     FISHEYE_TERMS,
     FULL_SPHERE,
     PINHOLES,
+    RATIONALS,
     dual_lens,
     image_pixels,
     random_points,
@@ -44,6 +46,7 @@ CAMERAS: dict[str, CameraModel] = {
     "eucm_folding": Eucm(1000, 960, 240.0, 242.0, 498.0, 483.0, 0.66, 0.9),
     "eucm_narrow": Eucm(640, 480, 280.0, 282.0, 318.0, 242.0, 0.3, 1.4),
     **PINHOLES,
+    **RATIONALS,
     "dual_fisheye": DUAL,
     "dual_fisheye_overlapping": DualFisheye(
         FisheyeLens(dual_lens(620.0, 481.5), DUAL.front.camera_from_lens),
@@ -216,7 +219,7 @@ def test_right_and_down_are_those_of_the_world_and_the_optical_axis_hits_the_sta
     assert abs(right[1] - ahead[1]) < 0.1
     assert below[1] > ahead[1] + 0.5
     assert abs(below[0] - ahead[0]) < 0.1
-    if isinstance(camera, KannalaBrandt | Pinhole | Mei | DoubleSphere | Eucm):
+    if isinstance(camera, KannalaBrandt | Pinhole | RationalPinhole | Mei | DoubleSphere | Eucm):
         centre = [camera.cx, camera.cy]
     else:
         centre = [(camera.width - 1) / 2, (camera.height - 1) / 2]

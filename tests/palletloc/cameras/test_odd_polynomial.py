@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palletloc.cameras import DoubleSphere, Eucm, KannalaBrandt, Mei, Pinhole
+from palletloc.cameras import DoubleSphere, Eucm, KannalaBrandt, Mei, Pinhole, RationalPinhole
 from palletloc.cameras.derivatives import (
     PlaneImage,
     double_sphere_image,
@@ -14,10 +14,13 @@ from palletloc.cameras.derivatives import (
     kannala_brandt_image,
     mei_image,
     pinhole_image,
+    rational_pinhole_image,
 )
 from palletloc.cameras.lens import Lens
 from palletloc.cameras.odd_polynomial import OddPolynomial
+from palletloc.cameras.odd_rational import OddRational
 from palletloc.geometry import FloatArray
+from tests.palletloc.cameras.sample_cameras import RATIONAL_TERMS
 
 # With a slope that almost vanishes on the way (at x = 1.05), so that plain Newton steps fly off.
 FLAT_ON_THE_WAY = OddPolynomial((-0.6, 0.164))
@@ -77,6 +80,35 @@ def test_it_rises_as_far_as_stated_and_no_farther(coefficients: list[float], mar
         assert lowest - margin * after[0] < 1e-4
 
 
+@given(st.lists(st.floats(-1.0, 1.0), max_size=3), st.lists(st.floats(-1.0, 1.0), max_size=3), st.floats(0.0, 0.5))
+def test_a_quotient_rises_as_far_as_stated_and_no_farther(
+    above: list[float], below: list[float], margin: float
+) -> None:
+    quotient = OddRational(tuple(above), tuple(below))
+    end = quotient.increasing_until(margin)
+    x = np.linspace(0.0, min(0.999 * end, 50.0), 1000)
+    slope, under = quotient.slope(x * x), OddPolynomial(tuple(below)).factor(x * x)
+    assert under.min() > 0
+    assert (slope - margin * x).min() > -1e-9 * np.abs(slope).max()
+    if math.isfinite(end):
+        after = np.array([end * (1 + 1e-6)])
+        ends = [quotient.slope(after**2)[0], quotient.factor(after**2)[0]]
+        pole = float(OddPolynomial(tuple(below)).factor(after**2)[0])
+        assert min(*ends, 1e-3) - margin * after[0] < 1e-3 or pole < 1e-4
+    inverse = quotient.inverse(x * quotient.factor(x * x), end)
+    np.testing.assert_allclose(inverse, x, rtol=1e-6, atol=1e-6)
+
+
+def test_a_quotient_by_one_is_the_polynomial() -> None:
+    squared = np.linspace(0.0, 1.0, 11)
+    terms = (-0.28, 0.09, -0.012)
+    np.testing.assert_array_equal(OddRational(terms, ()).factor(squared), OddPolynomial(terms).factor(squared))
+    np.testing.assert_allclose(OddRational(terms, ()).slope(squared), OddPolynomial(terms).slope(squared), atol=1e-15)
+    assert OddRational(terms, ()).increasing_until() == pytest.approx(
+        OddPolynomial(terms).increasing_until(), rel=1e-8
+    )
+
+
 Imaged = Callable[[FloatArray, FloatArray], PlaneImage]
 SIZE = (1200, 1000, 300.0, 304.0, 601.0, 497.0)
 LENSES: dict[str, tuple[Lens, Imaged, tuple[float, ...]]] = {
@@ -93,6 +125,7 @@ LENSES: dict[str, tuple[Lens, Imaged, tuple[float, ...]]] = {
         pinhole_image,
         (-0.28, 0.09, 0.002, -0.0015, -0.012),
     ),
+    "rational_pinhole": (RationalPinhole(*SIZE, *RATIONAL_TERMS), rational_pinhole_image, RATIONAL_TERMS),
 }
 every_lens = pytest.mark.parametrize("name", LENSES)
 

@@ -14,9 +14,12 @@ import palletloc.report.evaluation_page
 import palletloc.report.worst_shots
 from palletloc import Method, PalletLocError, PalletMeasurement, read_recording
 from palletloc.cli.app import run
+from palletloc.evaluation.requirement import Requirement
+from palletloc.evaluation.run import evaluate_run, read_run
+from palletloc.evaluation.truth import read_recording_truth
 from palletloc.io.measurements import NoPose, read_measurements, write_measurements
 from palletloc.io.truth import read_truth
-from palletloc.report.worst_shots import run_method
+from palletloc.report.worst_shots import run_method, worst_shots
 from tests.palletloc.cli.sample_runs import SAMPLE, evaluate, read_metrics, without_images, write_run, write_survey
 
 Refused = Callable[..., str]
@@ -84,8 +87,8 @@ def test_the_report_needs_nothing_but_itself_and_all_of_its_pictures_open(tmp_pa
     assert "script" not in elements.tags
     kinds = [link.split(";")[0] for link in elements.links]
     assert kinds.count("data:image/png") == 4
-    assert kinds.count("data:image/jpeg") == 1 + 2  # the worst shot, and its stages
-    assert len(kinds) == 7
+    assert kinds.count("data:image/jpeg") == 2 + 2  # the worst shot, its face enlarged, and its stages
+    assert len(kinds) == 8
     for link in elements.links:
         content = np.frombuffer(base64.b64decode(link.partition("base64,")[2]), dtype=np.uint8)
         image = cv2.imdecode(content, cv2.IMREAD_COLOR)
@@ -264,3 +267,17 @@ def test_a_folder_that_tells_no_method_has_none(tmp_path: Path, localized: Path)
     for text in ("", "[]", '{"run": {"method": "guess"}}', '{"run": null}'):
         (tmp_path / "run.json").write_text(text)
         assert run_method(tmp_path) is None
+
+
+def test_the_true_outline_stays_visible_where_the_measured_one_agrees_with_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(palletloc.report.worst_shots, "_shot_stages", lambda *_: None)
+    truth = read_recording_truth(SAMPLE)
+    files = read_run(write_run(tmp_path / "run", depth=0.0, yaw=0.0), truth.recording, "run")
+    (worst,) = worst_shots(evaluate_run(truth, files), truth.recording, Requirement(), number=1)
+    for content, least in ((worst.picture, 100), (worst.closer, 150)):
+        picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)
+        blue, green, red = np.asarray(picture).astype(int).transpose(2, 0, 1)
+        assert ((red > 180) & (green < 130)).sum() > least  # pink
+        assert ((green > 110) & (green > red) & (green > blue + 10)).sum() > least // 4

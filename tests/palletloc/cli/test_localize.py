@@ -21,7 +21,7 @@ Localize = Callable[..., int]
 Contents = Callable[[], dict[str, str]]
 Status = Callable[[], dict[str, Any]]
 
-NAMES = ["measurements.csv", "refusals.csv", "run.json"]
+NAMES = ["measurements.csv", "overview.html", "refusals.csv", "run.json"]
 HEADERS = [",".join(columns) + "\n" for columns in (MEASUREMENT_COLUMNS, REFUSAL_COLUMNS)]
 
 

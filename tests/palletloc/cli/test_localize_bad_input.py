@@ -158,3 +158,20 @@ def test_a_bad_start_is_one_line(refused: Refused, old: str, new: str, problem: 
     edit("../initial.csv", old, new)
     assert refused(*LOCALIZE, "--initial", "initial.csv") == f"initial.csv, {problem}"
     assert not Path("out").exists()
+
+
+@pytest.mark.parametrize(
+    ("start", "said"),
+    [
+        ("3000,2000,0,1.5", "out_of_range (4), 100 m and farther away: millimetres?"),
+        ("3,2,0,-1.5", "behind_face (4)"),
+    ],
+)
+def test_starts_of_which_none_can_be_tried_end_with_exit_1(
+    localize: Localize, capsys: pytest.CaptureFixture[str], start: str, said: str
+) -> None:
+    rows = [f"{0.5 * number},t11,{start}" for number in range(4)]
+    Path("starts.csv").write_text("\n".join(["time_s,model,x_m,y_m,z_m,yaw_rad", *rows]))
+    assert localize("--initial", "starts.csv") == 1
+    assert capsys.readouterr().err == f"palletloc: --initial: none of 4 starts can be used: {said}\n"
+    assert len(Path("out/measurements.csv").read_text().splitlines()) == 5  # a row out per row in, all the same

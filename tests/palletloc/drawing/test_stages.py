@@ -1,3 +1,4 @@
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -6,7 +7,6 @@ import cv2
 import numpy as np
 import pytest
 from matplotlib import pyplot as plt
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Polygon
 from scipy.spatial.transform import RigidTransform
@@ -185,24 +185,42 @@ def plan(sigma: float, pose: LevelPose, model: PalletModel, **settings: Any) -> 
     return plan_figure([("P1", model, pose, covariance)], mounting, settings.get("shelf"))
 
 
-def drawn_times(table: Axes) -> list[int]:
-    """Return the factors of the first row: of the ellipse and of the fan."""
-    sign = "\N{MULTIPLICATION SIGN} "
-    return [int(text.get_text().removeprefix(sign)) for text in table.texts if text.get_text().startswith(sign)][:2]
+def drawn_times(figure: Figure) -> float:
+    """Return the factor that the figure states for all that is not known."""
+    (line,) = (text.get_text() for text in figure.texts if "standard deviations" in text.get_text())
+    factor = re.search(r"all drawn (\d+) times as large", line)
+    assert factor or "to scale" in line
+    return float(factor[1]) if factor else 1.0
 
 
 @pytest.mark.parametrize("sigma", [0.0005, 0.004, 0.03])
 def test_the_ellipses_show_one_and_three_standard_deviations_times_the_stated_factor(
     sigma: float, t11: PalletModel
 ) -> None:
-    axes, table = plan(sigma, LevelPose(2.0, 1.9, 0.0, 1.5), t11).axes
-    factor = float(drawn_times(table)[0])
+    figure = plan(sigma, LevelPose(2.0, 1.9, 0.0, 1.5), t11)
+    axes, factor = figure.axes[0], drawn_times(figure)
     assert sigma < 0.03 or factor == 1  # what can be seen has its true size
     ellipses = [patch for patch in axes.patches if isinstance(patch, Ellipse)]
     sizes = sorted(sorted([patch.get_width(), patch.get_height()]) for patch in ellipses)
     assert sizes[0] == pytest.approx([2 * sigma * factor, 4 * sigma * factor])
     assert sizes[1] == pytest.approx([6 * sigma * factor, 12 * sigma * factor])
     assert 0.2 < sizes[1][1] < 1.0
+
+
+def test_one_factor_holds_for_all_ellipses_and_fans_so_that_sizes_can_be_compared(t11: PalletModel) -> None:
+    mounting = Mounting(RigidTransform.from_translation([0.3, -0.08, 1.85]))
+    placed = []
+    for i, sigma in enumerate([0.002, 0.008, 0.02]):
+        covariance = np.diag([sigma**2, sigma**2, 1e-6, (0.2 * sigma) ** 2])
+        placed.append((f"P{i}", t11, LevelPose(2.0 + 1.5 * i, 1.9, 0.0, np.pi / 2), covariance))
+    figure = plan_figure(placed, mounting, None)
+    ellipses = [patch.get_width() for patch in figure.axes[0].patches if isinstance(patch, Ellipse)]
+    drawn = [2 * count * sigma * drawn_times(figure) for sigma in (0.002, 0.008, 0.02) for count in (1, 3)]
+    assert sorted(ellipses) == pytest.approx(sorted(drawn))
+    fans = [patch for patch in figure.axes[0].patches if isinstance(patch, Polygon) and len(patch.get_xy()) > 30]
+    widths = sorted(float(np.ptp(fan.get_xy()[:, 0])) for fan in fans)
+    turns = np.arcsin(np.array(widths) / 2 / 0.9) / drawn_times(figure)
+    assert turns == pytest.approx(sorted(count * 0.2 * sigma for sigma in (0.002, 0.008, 0.02) for count in (1, 3)))
 
 
 def test_names_of_stacked_pallets_do_not_cover_each_other(t11: PalletModel) -> None:

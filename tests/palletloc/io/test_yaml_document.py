@@ -17,7 +17,7 @@ from palletloc.cameras.equirectangular import Equirectangular
 from palletloc.cameras.eucm import Eucm
 from palletloc.cameras.kannala_brandt import KannalaBrandt
 from palletloc.cameras.mei import Mei
-from palletloc.cameras.pinhole import Pinhole
+from palletloc.cameras.pinhole import Pinhole, RationalPinhole
 from palletloc.cameras.protocol import CameraModel
 from palletloc.cameras.stitched_equirectangular import StitchedEquirectangular, StitchedLens
 from palletloc.io.camera_spec import (
@@ -181,6 +181,7 @@ def fisheye(cx: float) -> KannalaBrandt:
 CAMERAS: list[CameraModel] = [
     Equirectangular(3840, 1920),
     Pinhole(640, 480, 500.0, 501.0, 320.5, 241.0, -0.1, 0.02, 1e-3, -2e-3, 3e-4),
+    RationalPinhole(640, 480, 500.0, 501.0, 320.5, 241.0, 0.35, -0.12, 1e-3, -2e-3, 0.03, 0.61, -0.05, 0.02),
     fisheye(449.5),
     Mei(1280, 960, 409.0, 410.5, 630.3, 431.9, 1.053, -0.0083, 0.0118, 0.0228, -0.0042, np.radians(105.0)),
     DoubleSphere(752, 480, 210.0, 211.0, 365.8, 249.4, -0.24, 0.566, np.radians(110.0)),

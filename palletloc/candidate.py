@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from palletloc.geometry import FloatArray, LevelPose
-from palletloc.measurement import HeightPrior, PalletMeasurement, Reason, Stage, YawSource
+from palletloc.measurement import BetterModel, HeightPrior, PalletMeasurement, Reason, Stage, YawSource
 from palletloc.pallet import PalletModel
 from palletloc.refinement.face_fit import FaceEstimate, FacePrior
 from palletloc.shot import Shot
@@ -75,20 +75,6 @@ class Fit:
         return PalletMeasurement(
             shot.time, self.candidate.model.name, self.pose, self.covariance, self.rank, self.yaw_from, shot.file
         )
-
-
-@dataclass(frozen=True, slots=True)
-class BetterModel:
-    """Another pallet model that explains the image better."""
-
-    name: str
-    """Its name in the library."""
-    nats: float
-    """How much likelier it is, as a logarithm."""
-
-    def __str__(self) -> str:
-        """Return it in words."""
-        return f"{self.name} is likelier by {self.nats:.1f} nats"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -17,10 +17,11 @@ from palletloc.footprint import overlapping
 from palletloc.geometry import LevelPose
 from palletloc.measurement import HeightPrior, PalletMeasurement, Reason, RefusedCandidate, Stage
 from palletloc.methods import METHODS
+from palletloc.other_models import other_models, unstated_models
 from palletloc.overlap import exclude_overlaps
 from palletloc.pallet import PalletModel
 from palletloc.pallet_library import load_library
-from palletloc.rivals import one_opening_aside, other_models, unstated_models, wide_start
+from palletloc.rivals import one_opening_aside, wide_start
 from palletloc.shelf import ShelfPlane
 from palletloc.shelf_view import ShelfView
 from palletloc.shot import Shot, points_about, shelf_points
@@ -66,7 +67,12 @@ class Explanation:
         """The candidates that were given up."""
         return [
             RefusedCandidate(
-                self.shot.time, refusal.candidate.model.name, refusal.stage, refusal.reason, self.shot.file
+                self.shot.time,
+                refusal.candidate.model.name,
+                refusal.stage,
+                refusal.reason,
+                self.shot.file,
+                refusal.better,
             )
             for refusal in self.outcomes
             if isinstance(refusal, Refusal)

@@ -64,6 +64,7 @@ def track(
     from palletloc.io.config_file import read_config
     from palletloc.io.recording import read_recording
     from palletloc.recording_run import read_job
+    from palletloc.report.overview_page import OVERVIEW
     from tracking.config import TrackerConfig, read_tracker_config
     from tracking.recording import check_used, read_measured, write_run
 
@@ -83,7 +84,8 @@ def track(
     run = _tracked(inputs, tracker, smooth=smooth)
     check_used(run)
     write_run(out, run, _picture(run, truth))
-    return Shown(_document(inputs, run, out), (_table(run), _tally(inputs, run), f"results: {out}"))
+    pages = [f"look at {out / OVERVIEW}"] if measurements is None else []
+    return Shown(_document(inputs, run, out), (_table(run), _tally(inputs, run), f"results: {out}", *pages))
 
 
 @shows

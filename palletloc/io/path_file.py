@@ -14,7 +14,7 @@ import numpy as np
 from palletloc.errors import seconds
 from palletloc.geometry import FloatArray
 from palletloc.io.csv_table import Row, TableError, in_order_of_time, read_rows, shortened
-from palletloc.io.odometry_check import OdometryColumns, check_odometry
+from palletloc.io.odometry_check import OdometryColumns, check_odometry, in_seconds
 from palletloc.io.path_columns import INDEX, PathColumns, path_columns
 from palletloc.io.path_frame import PathForm, PoseFrame, level_path
 from palletloc.io.reading import read_text
@@ -147,7 +147,7 @@ def _own_samples(path: Path, own: Sequence[str], optional: Sequence[str], header
     needed = [name for name in own if name not in optional and not (has_quaternion and name == "yaw_rad")]
     samples = _Samples(path)
     rows = read_rows(path, needed, (*optional, "yaw_rad", "z_m", *quaternion, *INDEX))
-    for row in in_order_of_time(rows, notes=samples.notes):
+    for row in in_order_of_time(in_seconds(rows), notes=samples.notes):
         place = row.numbers(name for name in ("x_m", "y_m", "z_m") if name in row.cells)
         turn = row.numbers(quaternion if has_quaternion else ("yaw_rad",))
         samples.add(row, row.number("time_s"), [*place, 0.0][:3], turn, "")

@@ -25,6 +25,7 @@ from palletloc.io.camera_spec import (
 from palletloc.io.csv_table import TableError, format_number, in_order_of_time, read_rows, write_rows
 from palletloc.io.images import read_image, write_image
 from palletloc.io.measurements import format_time
+from palletloc.io.odometry_check import in_seconds
 from palletloc.io.path_file import read_odometry
 from palletloc.io.path_frame import PathForm, path_form
 from palletloc.io.reading import InputError, read_bytes
@@ -214,9 +215,9 @@ def read_recording(folder: str | Path) -> Recording:
     except ValueError as error:
         raise DocumentError(f"{path}: camera: {error}") from error
     notes: list[str] = []
-    models, shots = _read_models(folder, spec.pallets), _read_shots(folder / SHOTS, notes)
-    where = spec.odometry or OdometrySpec()
+    models, where = _read_models(folder, spec.pallets), spec.odometry or OdometrySpec()
     odometry = read_odometry(folder / where.file, _ODOMETRY_COLUMNS, path_form(folder, where))
+    shots = _read_shots(folder / SHOTS, notes)
     return Recording(
         folder,
         camera,
@@ -229,7 +230,7 @@ def read_recording(folder: str | Path) -> Recording:
         _scaled(mounting.rotation_sigma_deg, np.pi / 180),
         where.file,
         path_form(folder, spec.truth),
-        (*notes, *odometry.notes),
+        (*odometry.notes, *notes),
     )
 
 
@@ -251,7 +252,7 @@ def _read_models(folder: Path, names: tuple[str, ...]) -> tuple[PalletModel, ...
 
 
 def _read_shots(path: Path, notes: list[str]) -> tuple[ShotFile, ...]:
-    rows = in_order_of_time(read_rows(path, SHOT_COLUMNS), notes=notes)
+    rows = in_order_of_time(in_seconds(read_rows(path, SHOT_COLUMNS)), notes=notes)
     shots = tuple(ShotFile(row.number("time_s"), row.text("file")) for row in rows)
     if not shots:
         raise TableError(f"{path}: has no rows; expected at least one shot")

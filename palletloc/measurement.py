@@ -5,7 +5,54 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
+import numpy as np
+
 from palletloc.geometry import FloatArray, LevelPose
+
+
+_REAL = (float, int, np.floating, np.integer)
+"""What a number may be."""
+_ASYMMETRY = 1e-6
+"""How much two numbers of a covariance that should be equal may differ, as a part of the geometric mean of their
+variances: files have seven digits, and rounding in an inverse leaves less."""
+_LEAST_CORRELATION = -1e-5
+"""Smallest eigenvalue of the correlations of a covariance with seven digits."""
+
+
+def covariance_fault(given: object) -> str:
+    """Return what is wrong with the covariance of a pose; nothing where it is one.
+
+    Parameters
+    ----------
+    given : (4, 4) array
+        As it came; zero where nothing is stated.
+
+    Returns
+    -------
+    str
+        What was expected, where it is not real, finite, symmetric and positive semidefinite.
+
+    Examples
+    --------
+    >>> covariance_fault(np.diag([1e-4, 1e-4, 0.0, 1e-4]))
+    ''
+    >>> covariance_fault(np.diag([1e-4, 1e-4, -1e-4, 1e-4]))
+    'expected a positive semidefinite matrix'
+    """
+    if not isinstance(given, np.ndarray) or given.shape != (4, 4) or given.dtype.kind not in "fiu":
+        what = f"an array of {given.dtype} {given.shape}" if isinstance(given, np.ndarray) else type(given).__name__
+        return f"expected 4 x 4 real numbers, got {what}"
+    if not np.isfinite(given).all():
+        return "expected finite numbers"
+    variances = given.diagonal().astype(np.float64)
+    sigma = np.sqrt(np.maximum(variances, 0.0))
+    scale = np.where(sigma > 0, sigma, 1.0)
+    correlations = given / scale / scale[:, None]
+    if (np.abs(correlations - correlations.T) > _ASYMMETRY).any():
+        return "expected a symmetric matrix"
+    if variances.min() < 0 or np.linalg.eigvalsh(correlations)[0] < _LEAST_CORRELATION:
+        return "expected a positive semidefinite matrix"
+    return ""
 
 
 class YawSource(StrEnum):
@@ -81,6 +128,8 @@ class Reason(StrEnum):
     """A pallet, but its pose is too uncertain to be of use."""
     OFF_LEVEL = "off_level"
     """The pose is not at any height where loads stand."""
+    OTHER_MODEL = "other_model"
+    """Another pallet of the library, which was not looked for, explains the image better."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +151,31 @@ class PalletMeasurement:
     file: str = ""
     """The shot's image, as the recording names it."""
 
+    def __post_init__(self) -> None:
+        """Refuse what no measurement can state."""
+        if not isinstance(self.model, str) or not self.model:
+            raise ValueError(f"model: expected the name of a pallet model, got {self.model!r:.60}")
+        if not isinstance(self.file, str):
+            raise ValueError(f"file: expected a text, got {self.file!r:.60}")
+        if isinstance(self.score, bool) or not isinstance(self.score, _REAL) or not 0 <= self.score <= 1:
+            raise ValueError(f"score: expected a number from 0 to 1, got {self.score!r:.60}")
+        if problem := covariance_fault(self.covariance):
+            raise ValueError(f"covariance: {problem}")
+
+
+@dataclass(frozen=True, slots=True)
+class BetterModel:
+    """Another pallet model that explains the image better."""
+
+    name: str
+    """Its name in the library."""
+    nats: float
+    """How much likelier it is, as a logarithm."""
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        return f"{self.name} is likelier by {self.nats:.1f} nats"
+
 
 @dataclass(frozen=True, slots=True)
 class RefusedCandidate:
@@ -117,3 +191,5 @@ class RefusedCandidate:
     """Why."""
     file: str = ""
     """The shot's image, as the recording names it."""
+    better: BetterModel | None = None
+    """The model that explains the image better, where that is why; files of refusals do not hold it."""

@@ -65,6 +65,7 @@ def track(
     from palletloc.io.folder_lock import locked
     from palletloc.io.recording import read_recording
     from palletloc.recording_run import read_job
+    from palletloc.report.overview_page import OVERVIEW
     from tracking.config import TrackerConfig, read_tracker_config
     from tracking.recording import check_used, read_measured, write_run
 
@@ -87,7 +88,8 @@ def track(
         run = _tracked(inputs, tracker, smooth=smooth)
         check_used(run)
         write_run(out, run, _picture(run, truth))
-    return Shown(_document(inputs, run, out), (_table(run), _tally(inputs, run), f"results: {out}"))
+    pages = [f"look at {out / OVERVIEW}"] if measurements is None else []
+    return Shown(_document(inputs, run, out), (_table(run), _tally(inputs, run), f"results: {out}", *pages))
 
 
 @shows
@@ -148,7 +150,7 @@ def _truth_of(recording: Recording) -> Truth | None:
     """Return the truth for the picture, where it has a path; its faults are found before the work begins."""
     from palletloc.io.truth import path_file, read_truth
 
-    return read_truth(recording.folder) if path_file(recording.folder) else None
+    return read_truth(recording.folder, recording.truth_form) if path_file(recording.folder) else None
 
 
 def _localized(job: Job, out: Path, how: tuple[bool, bool, bool], config: Path | None) -> Inputs:

@@ -26,7 +26,7 @@ from palletloc.evaluation.batch import (
     pooled,
 )
 from palletloc.evaluation.metrics import METRICS, metrics_document, metrics_text
-from palletloc.evaluation.pose_error import COMPONENTS, EvaluationError, Visibility, offsets
+from palletloc.evaluation.pose_error import COMPONENTS, EvaluationError, Visibility, offsets, squared_errors
 from palletloc.evaluation.recording import evaluate_recording, write_results
 from palletloc.evaluation.requirement import Requirement, check_requirement
 from palletloc.evaluation.run import (
@@ -183,20 +183,25 @@ def _compared(compared: Sequence[ComparedRuns]) -> Table:
 
 
 def _notes(truth: RecordingTruth, settings: Settings) -> list[str]:
-    """Return the first notes about the survey."""
+    """Return the notes about the files, and the first about the survey."""
     notes = list(survey_notes(truth, settings.stop_limit))
     more = len(notes) - _NOTES
     rest = [f"survey: {more} more notes; {METRICS} lists all"] if more > 0 else []
-    return [*(f"survey: {note}" for note in notes[:_NOTES]), *rest]
+    return [*truth.notes, *(f"survey: {note}" for note in notes[:_NOTES]), *rest]
 
 
 def _remarks(runs: Sequence[EvaluatedRun]) -> list[str]:
     """Say what the table does not."""
-    left_out = runs[0].without_truth
-    if not left_out:
-        return []
-    count = "1 shot has" if len(left_out) == 1 else f"{len(left_out)} shots have"
-    return [f"left out: {count} no truth within the limit; {METRICS} lists the times"]
+    remarks = []
+    if left_out := runs[0].without_truth:
+        count = "1 shot has" if len(left_out) == 1 else f"{len(left_out)} shots have"
+        remarks.append(f"left out: {count} no truth within the limit; {METRICS} lists the times")
+    for run in runs:
+        for name, source in run.sources.items():
+            if without := int(np.isnan(squared_errors(source.errors)).sum()):
+                rows = f"{without} of {len(source.errors)} poses"
+                remarks.append(f"{run.files.name}, {name}: {rows} state no usable covariance; NEES leaves them out")
+    return remarks
 
 
 class BatchWork(NamedTuple):

@@ -12,7 +12,7 @@ import numpy as np
 
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.io.csv_table import Row, format_number, read_rows, write_rows
-from palletloc.measurement import PalletMeasurement, Reason, RefusedCandidate, Stage, YawSource
+from palletloc.measurement import PalletMeasurement, Reason, RefusedCandidate, Stage, YawSource, covariance_fault
 
 POSE_COLUMNS = ("x_m", "y_m", "z_m", "yaw_rad")
 """A level pose."""
@@ -132,13 +132,15 @@ def read_covariance(row: Row) -> FloatArray:
     Raises
     ------
     TableError
-        If a cell is not a finite number, or a variance is negative.
+        If a cell is not a finite number, a variance is negative, or the matrix is not positive semidefinite.
     """
     covariance = np.zeros((4, 4))
     covariance[_UPPER] = row.numbers(COVARIANCE_COLUMNS)
     covariance += np.triu(covariance, 1).T
     if not (np.diag(covariance) >= 0).all():
         raise row.fault("cov_xx, cov_yy, cov_zz, cov_ww: expected variances, which are not negative")
+    if problem := covariance_fault(covariance):
+        raise row.fault(f"{COVARIANCE_COLUMNS[0]} to {COVARIANCE_COLUMNS[-1]}: {problem}")
     return covariance
 
 

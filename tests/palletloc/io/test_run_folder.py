@@ -354,7 +354,7 @@ def test_what_killed_runs_left_half_written_is_removed_but_nothing_of_a_live_one
     assert set(files(tmp_path)) == {*whole, *kept}
 
 
-SOUND = {"measurements": [], "refusals": []}
+SOUND: dict[str, list[object]] = {"measurements": [], "refusals": []}
 ROW = ["0.5", "images/1.jpg", "t11", *["1.0"] * 4, *["1e-6"] * 10, "0.5", "top"]
 DAMAGED = [
     '{"number": 1, "entry": {}}',

@@ -9,7 +9,6 @@ import numpy as np
 
 from palletloc.geometry import FloatArray, LevelPose
 
-
 _REAL = (float, int, np.floating, np.integer)
 """What a number may be."""
 _ASYMMETRY = 1e-6
@@ -45,12 +44,13 @@ def covariance_fault(given: object) -> str:
     if not np.isfinite(given).all():
         return "expected finite numbers"
     variances = given.diagonal().astype(np.float64)
-    sigma = np.sqrt(np.maximum(variances, 0.0))
-    scale = np.where(sigma > 0, sigma, 1.0)
-    correlations = given / scale / scale[:, None]
-    if (np.abs(correlations - correlations.T) > _ASYMMETRY).any():
+    scale = np.sqrt(np.maximum(variances, 1e-300))
+    with np.errstate(over="ignore"):  # beside a variance that is next to none
+        correlations = given / scale / scale[:, None]
+    bounded = np.clip(correlations, -2.0, 2.0)
+    if (np.abs(bounded - bounded.T) > _ASYMMETRY).any():
         return "expected a symmetric matrix"
-    if variances.min() < 0 or np.linalg.eigvalsh(correlations)[0] < _LEAST_CORRELATION:
+    if variances.min() < 0 or np.linalg.eigvalsh(bounded)[0] < _LEAST_CORRELATION:
         return "expected a positive semidefinite matrix"
     return ""
 

@@ -12,7 +12,6 @@ from scipy.special import betaincinv, gammaincinv
 
 from palletloc.geometry import FloatArray
 
-
 LEAST_VARIANCE = 1e-18
 """Variance below which none is stated, in square metres and radians: nothing is known to a nanometre."""
 

@@ -10,8 +10,8 @@ import numpy as np
 from palletloc.choices import TimeRule
 from palletloc.drawing.canvas import DEGREE, small_png
 from palletloc.evaluation.batch import BatchJob, BatchResult, evaluate_job
-from palletloc.evaluation.recording import EvaluatedRecording
 from palletloc.evaluation.pose_error import squared_errors
+from palletloc.evaluation.recording import EvaluatedRecording
 from palletloc.evaluation.requirement import RequirementCheck, Verdict
 from palletloc.evaluation.run import EvaluatedRun, EvaluatedSource, Settings
 from palletloc.evaluation.statistics import chi_square_check

@@ -24,6 +24,7 @@ from palletloc.plane import PlaneGrid
 from palletloc.projection import Interpolation
 from palletloc.recording_run import read_job
 from palletloc.remap_table import build_table
+from palletloc.report.overview_page import thumbnail
 from palletloc.shot import Shot
 
 MAX_SHOTS = 6
@@ -101,7 +102,9 @@ def _shot_timings(recording: Recording, number: int, rounds: int) -> Timings:
     def localize() -> None:
         job.explain(number)
 
-    return take_turns({"decode": lambda: recording.image(entry), "detect": look, "shot": localize}, rounds)
+    explanation = job.explain(number)
+    parts = {"decode": lambda: recording.image(entry), "detect": look, "shot": localize}
+    return take_turns({**parts, "thumbnail": lambda: thumbnail(explanation)}, rounds)
 
 
 def _plane_timings(recording: Recording, rounds: int) -> Timings:
@@ -159,6 +162,7 @@ def _step_rows(shots: Timings, planes: Timings, size: str) -> list[tuple[Value, 
         ("remap, linear, colour", 1e3 * planes.median("remap"), "ms per Mpx", None, None),
         _against_decode("detection", shots, "detect"),
         _against_decode("whole shot with decode", shots, "shot"),
+        _against_decode("its thumbnail in the overview", shots, "thumbnail"),
     ]
 
 

@@ -18,16 +18,15 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from palletloc.errors import PalletLocError, nearest_name
 from palletloc.pallet import Opening, PalletModel
+from palletloc.plain_yaml import YamlError, is_other_base, load_plain, number_hint
 
-_LOADER = yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader
-"""Reads YAML's safe subset, by libyaml where that is there."""
 _NAME = re.compile(r"\w[\w.-]*")
 """What a model may be called: names become cells of csv files and names of files."""
 _TOLERANCE: float = inspect.signature(PalletModel).parameters["tolerance"].default
 """Of a model's dimensions where nothing is stated, in metres."""
 _MAX_LENGTH, _MAX_NESTING = 10.0, 10
 """Largest dimension that is believed, in metres: larger ones are millimetres. Deepest nesting of a file: three are
-needed; libyaml overruns the stack on some tens of thousands."""
+needed."""
 
 
 class PalletFileError(PalletLocError):
@@ -37,7 +36,7 @@ class PalletFileError(PalletLocError):
 def _from_text(value: Any) -> Any:
     """Return a number written as text as a number: YAML 1.1 takes ``1e-3`` for text."""
     try:
-        return float(value) if isinstance(value, str) else value
+        return float(value) if isinstance(value, str) and not is_other_base(value) else value
     except ValueError:
         return value
 
@@ -255,53 +254,9 @@ def _load_yaml(data: bytes, file: str) -> Any:
         line = data.count(b"\n", 0, error.start) + 1
         raise PalletFileError(f"{file}, line {line}: expected text in UTF-8") from error
     try:
-        _refuse_nesting_and_tags(text, file)
-        loader = _LOADER(text)
-        root = loader.get_single_node()
-        if root is None:
-            return None
-        _refuse_repeated_keys(root, file)
-        return loader.construct_document(root)
-    except (yaml.YAMLError, ValueError) as error:
-        raise PalletFileError(f"{file}{_yaml_problem(error)}") from error
-
-
-def _refuse_nesting_and_tags(text: str, file: str) -> None:
-    """Refuse what overruns the stack of the parser and what makes other things than plain values."""
-    depth = 0
-    for event in yaml.parse(text, Loader=_LOADER):
-        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-        tagged = getattr(event, "tag", None) is not None
-        if tagged or depth > _MAX_NESTING:
-            line = f", line {event.start_mark.line + 1}" if event.start_mark else ""
-            problem = "a tag is not understood" if tagged else "nested too deeply"
-            raise PalletFileError(f"{file}{line}: {problem}; expected pallet models by name")
-
-
-def _refuse_repeated_keys(root: yaml.Node, file: str) -> None:
-    pending, visited = [root], set[int]()
-    while pending:
-        node = pending.pop()
-        if id(node) in visited or isinstance(node, yaml.ScalarNode):
-            continue
-        visited.add(id(node))  # an alias leads to the same node again
-        if not isinstance(node, yaml.MappingNode):
-            pending += node.value
-            continue
-        keys = set[str]()
-        for key, value in node.value:
-            if str(key.value) in keys:
-                line = key.start_mark.line + 1
-                raise PalletFileError(f"{file}, line {line}: the key '{key.value}' is repeated")
-            keys.add(str(key.value))
-            pending.append(value)
-
-
-def _yaml_problem(error: Exception) -> str:
-    """Return ``, line N: what`` for a document that is no YAML."""
-    if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark is not None:
-        return f", line {error.problem_mark.line + 1}: not valid YAML: {error.problem}"
-    return f": not valid YAML: {' '.join(str(error).split())}"
+        return load_plain(text, tags=False, deepest=_MAX_NESTING)
+    except YamlError as fault:
+        raise PalletFileError(fault.of(file)) from None
 
 
 def _explain(error: ValidationError, name: str) -> str:
@@ -317,7 +272,8 @@ def _explain(error: ValidationError, name: str) -> str:
         known = _PARTS.get(str(first["loc"][0]), _PalletEntry).model_fields
         key = str(first["loc"][-1])
         return f"{name}{''.join(steps[:-1])}: unknown key '{key}'{nearest_name(key, known)}"
-    return f"{place}: expected {_EXPECTED.get(first['type'], first['msg'])}, got {_shown(first['input'])}"
+    given = first["input"]
+    return f"{place}: expected {_EXPECTED.get(first['type'], first['msg'])}, got {_shown(given)}{number_hint(given)}"
 
 
 _UNKNOWN_KEY = {"extra_forbidden", "invalid_key"}

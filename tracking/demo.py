@@ -29,6 +29,7 @@ from palletloc.io.atomic import write_text
 from palletloc.io.run_folder import MEASUREMENTS, Run, RunFolder
 from palletloc.io.truth import read_truth
 from palletloc.recording_run import Job, ShotOutcome, read_job, work_through
+from tracking.config import TrackerConfig
 from tracking.recording import TrackedRecording, read_measured, track_recording, write_run
 
 PAGE, PICTURES = "index.html", "pictures"
@@ -48,6 +49,8 @@ def run_demo(out: Path) -> Shown:
     Shown
         The errors of single shots, tracks and smoothed tracks.
     """
+    from palletloc.report.demo_page import later_start  # drawing is slow to import
+
     with as_file(files("palletloc") / "sample") as sample, working("Localizing") as now:
         job, truth = read_job(sample), read_recording_truth(sample)
         outcomes = _localize(job, out, sample)
@@ -60,7 +63,8 @@ def run_demo(out: Path) -> Shown:
         _report(job, outcomes, tracked, evaluated, smoothed, out)
     sources = _named(evaluated, smoothed)
     document = {"out": out, "page": out / PAGE, "sources": {name: _sizes(each) for name, each in sources.items()}}
-    return Shown(document, (_table(sources), f"look at {out / PAGE}"))
+    explained = later_start(TrackerConfig().life.confirm_hits)
+    return Shown(document, (_table(sources), explained, "", f"look at {out / PAGE}"))
 
 
 def _localize(job: Job, out: Path, sample: Path) -> list[ShotOutcome]:
@@ -114,6 +118,7 @@ def _report(
         seconds_per_shot=median(outcome.duration for outcome in outcomes),
         pictures=write_explanation(job, explanation, out / PICTURES).pictures,
         explained=explanation.shot.file,
+        confirm_hits=TrackerConfig().life.confirm_hits,
         folder=PICTURES,
     )
     write_text(out / PAGE, demo_page(result))

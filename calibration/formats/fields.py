@@ -36,9 +36,9 @@ class Fields:
     value: Any
     """What stands there."""
 
-    def fault(self, expected: str) -> FormatError:
+    def fault(self, expected: str, hint: str = "") -> FormatError:
         """Return the error that says what was expected here."""
-        return self.wrong(f"expected {expected}, got {shortened(self.value)}")
+        return self.wrong(f"expected {expected}, got {shortened(self.value)}{hint}")
 
     def wrong(self, what: str) -> FormatError:
         """Return the error that says what is wrong here."""

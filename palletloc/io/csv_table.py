@@ -14,6 +14,7 @@ from typing import TypeVar
 from palletloc.errors import nearest_name
 from palletloc.io.atomic import cannot_write, written_beside
 from palletloc.io.reading import InputError, read_text
+from palletloc.ranges import range_of
 
 _Choice = TypeVar("_Choice", bound=StrEnum)
 
@@ -37,8 +38,8 @@ class Row:
         """Return the error about this row, to be raised by the caller."""
         return TableError(f"{self.path}, line {self.line}: {problem}")
 
-    def number(self, column: str) -> float:
-        """Return a finite number."""
+    def number(self, column: str, quantity: str = "") -> float:
+        """Return a finite number in the range of its column, or of the quantity that is named."""
         cell = self.cells[column]
         try:
             # Python reads "1_000" as a number; no program that writes csv means that.
@@ -47,6 +48,8 @@ class Row:
             value = math.nan
         if not math.isfinite(value):
             raise self.fault(f"{column}: expected a finite number, got {shortened(cell)}")
+        if problem := range_of(quantity or column).fault(value):
+            raise self.fault(f"{column}: {problem}")
         return value
 
     def numbers(self, columns: Iterable[str]) -> list[float]:

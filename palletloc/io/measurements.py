@@ -143,7 +143,8 @@ def read_covariance(row: Row) -> FloatArray:
 
 def read_pose(row: Row) -> LevelPose:
     """Return the level pose of a row that has `POSE_COLUMNS`; errors as for `Row.number`."""
-    return LevelPose(*row.numbers(POSE_COLUMNS))
+    *place, heading = POSE_COLUMNS
+    return LevelPose(*row.numbers(place), row.number(heading, "pallet_yaw_rad"))
 
 
 def write_refusals(path: Path, refusals: Iterable[RefusedCandidate]) -> None:

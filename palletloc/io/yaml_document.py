@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -15,6 +14,8 @@ from palletloc.errors import nearest_name
 from palletloc.io.atomic import write_text
 from palletloc.io.csv_table import shortened
 from palletloc.io.reading import InputError, read_text
+from palletloc.plain_yaml import YamlError, is_other_base, load_plain, number_hint
+from palletloc.ranges import out_of_range
 
 _LENGTHS = {"min_length": "least", "max_length": "most"}
 """What the validator calls bounds of a length, and what a message calls them."""
@@ -70,7 +71,8 @@ class Numbers:
     def _checked(self, number: Any, given: Any) -> float:
         try:
             # A yaml 1.1 parser takes "1e-3" for a text; a bool is a number to Python, not to a reader.
-            value = math.nan if isinstance(number, bool) else float(number)
+            refused = isinstance(number, bool) or (isinstance(number, str) and is_other_base(number))
+            value = math.nan if refused else float(number)
         except (TypeError, ValueError, OverflowError):
             raise self._fault(given) from None
         if not math.isfinite(value) or (self._positive and value <= 0) or (self._non_negative and value < 0):
@@ -80,21 +82,9 @@ class Numbers:
     def _fault(self, given: Any) -> PydanticCustomError:
         kind = "positive " if self._positive else "non-negative " if self._non_negative else ""
         what = f"a finite {kind}number" if self._count is None else f"{self._count} finite {kind}numbers"
-        shown = {"what": what, "given": shortened(given)}
-        return PydanticCustomError("numbers", "expected {what}, got {given}", shown)
-
-
-class _UniqueKeyLoader(yaml.SafeLoader):
-    """The safe loader, which refuses a key that stands twice instead of taking the last."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
-        keys = [key.value for key, _ in node.value if key.tag != "tag:yaml.org,2002:merge"]
-        for position, key in enumerate(keys):
-            if key in keys[:position]:
-                raise yaml.MarkedYAMLError(
-                    problem=f"key '{key}' stands there twice", problem_mark=node.value[position][0].start_mark
-                )
-        return super().construct_mapping(node, deep)
+        hints = map(number_hint, given if isinstance(given, list) else [given])
+        shown = {"what": what, "given": shortened(given), "hint": next(filter(None, hints), "")}
+        return PydanticCustomError("numbers", "expected {what}, got {given}{hint}", shown)
 
 
 def read_document(path: Path, schema: type[_Document]) -> _Document:
@@ -137,20 +127,23 @@ def checked_document(path: Path, content: Any, schema: type[_Document]) -> _Docu
     Raises
     ------
     DocumentError
-        If it does not hold what the schema says; names the key.
+        If it does not hold what the schema says, or a number is out of its range; names the key.
     """
     if not isinstance(content, dict):
         keys = ", ".join(schema.model_fields)
         raise DocumentError(f"{path}: expected the keys {keys}, got {shortened(content)}")
     try:
-        return schema.model_validate(content)
+        document = schema.model_validate(content)
     except ValidationError as error:
         fault = error.errors(include_url=False)[0]
         raise DocumentError(f"{path}: {_place(fault, content)}{_problem(fault)}") from None
+    for place, problem in out_of_range("", document.model_dump()):
+        raise DocumentError(f"{path}: {place.removeprefix('.')}: {problem}")
+    return document
 
 
 def load_yaml(path: Path) -> Any:
-    """Return what a yaml file holds: plain values only, and no key twice.
+    """Return what a yaml file holds: plain values only, and no key twice; see `palletloc.plain_yaml`.
 
     Raises
     ------
@@ -159,15 +152,10 @@ def load_yaml(path: Path) -> Any:
     DocumentError
         If it is not yaml; names the line.
     """
-    text = read_text(path)
     try:
-        # A subclass of the safe loader: plain values only.
-        return yaml.load(text, Loader=_UniqueKeyLoader)
-    except yaml.MarkedYAMLError as error:
-        line = "" if error.problem_mark is None else f", line {error.problem_mark.line + 1}"
-        raise DocumentError(f"{path}{line}: is not yaml: {error.problem or error.context}") from None
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise DocumentError(f"{path}: is not yaml: {' '.join(str(error).split())}") from None
+        return load_plain(read_text(path))
+    except YamlError as fault:
+        raise DocumentError(fault.of(path)) from None
 
 
 def _place(fault: ErrorDetails, content: Any) -> str:

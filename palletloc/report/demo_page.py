@@ -101,6 +101,8 @@ class DemoResult:
     """Of the shot that is explained."""
     explained: str
     """That shot's image."""
+    confirm_hits: int
+    """How many shots have to agree before a track counts as a pallet."""
     folder: str
     """Where the pictures lie, relative to the page."""
 
@@ -167,13 +169,23 @@ def _shown(result: DemoResult, stage: str, caption: str) -> str:
 def _tracks(result: DemoResult) -> Iterator[str]:
     yield html.heading("Followed over the approach")
     yield html.paragraph(
-        "The poses of all shots are fused with the odometry. A track is what is known of one pallet up to a shot, and"
-        " counts as a pallet after a few of them; smoothed, it is what all shots together say of that moment."
+        "The poses of all shots are fused with the odometry. A track is what is known of one pallet up to a shot;"
+        " smoothed, it is what all shots together say of that moment."
     )
+    yield html.paragraph(later_start(result.confirm_hits))
     caption = "Errors of single shots, tracks and smoothed tracks over the approach."
     yield html.picture("tracks.png", caption, keep_wide=True)
     yield html.paragraph("Every track as it was last known, in the frame of the forklift at that time:")
     yield html.table(_TRACKS, (_track(row) for row in result.tracks))
+
+
+def later_start(hits: int) -> str:
+    """Return why a filter has fewer poses than single shots, where a track counts after so many that agree."""
+    return (
+        f"The filter starts later than the single shots: a track counts as a pallet only after {hits} shots that"
+        " agree, so that no single wrong pose is steered for. Before that, a pallet has poses of single shots, but"
+        " none of the filter. The smoother knows the later shots, and reaches back to the first one."
+    )
 
 
 def _track(row: TrackRow) -> list[str]:

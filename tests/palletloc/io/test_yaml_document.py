@@ -115,6 +115,29 @@ BAD = [
     (TEXT, "", r": expected the keys format, camera, .*, got None"),
     (TEXT, "- 1", r": expected the keys format, camera"),
     (TEXT, "[" * 1500, r": is not yaml"),
+    ("-91.6", "268:26:35", r": shelf\.facing_deg: .* got '268:26:35'; is it degrees:minutes:seconds\?.* 268\.443056"),
+    ("1.55]", "010]", r": shelf\.levels_m\[1\]: .* got '010'; expected it in decimals, without zeros before it"),
+    ("1.55]", "0x1F]", r": shelf\.levels_m\[1\]: .* got '0x1F'; expected it in decimals"),
+    ("1.55]", "0b11]", r": shelf\.levels_m\[1\]: .* got '0b11'; expected it in decimals"),
+    ("-91.6", "-451.6", r": shelf\.facing_deg: expected degrees from -360 to 360, a whole turn; got -451\.6"),
+    (
+        "1.55]",
+        "1550]",
+        r": shelf\.levels_m\[1\]: .* metres from -10 to 50.*; got 1550; are these millimetres\?",
+    ),
+    ("1.55]", "1e308]", r": shelf\.levels_m\[1\]: expected metres from -10 to 50.*; got 1e\+308"),
+    ("1.55]", "1e5]", r": shelf\.levels_m\[1\]: expected metres from -10 to 50.*; got 100000"),
+    ("1.85]", "-1.7e308]", r": forklift_from_camera\.translation_m\[2\]: expected metres from -100 to 100"),
+    (
+        "-1.2]",
+        "-1.2], rotation_sigma_deg: [0, 0, 1e308]",
+        r": .*rotation_sigma_deg\[2\]: expected degrees from 0 to 90",
+    ),
+    ("1.55]", "9" * 20000 + "]", r": shelf\.levels_m\[1\]: expected a finite number, got '9+ \.\.\."),
+    ("1.55]", "0x" + "F" * 20000 + "]", r": shelf\.levels_m\[1\]: expected a finite number, got '0xF+ \.\.\."),
+    ("width: 3840", "width: 07400", r": camera\.width: .*, got '07400'"),
+    ("1.55]", "!!python/name:os.system ]", r", line 7: is not yaml: the tag .* is not understood"),
+    ("levels_m: [0.0, 1.55]", "levels_m: &a [*a]", r", line 7: is not yaml: '\*a' stands for itself"),
 ]
 
 
@@ -126,6 +149,20 @@ def test_a_bad_document_is_an_error_with_file_and_key(tmp_path: Path, old: str, 
     assert "\n" not in str(caught.value)
     with pytest.raises(InputError, match=r"none\.yaml: no such file"):
         read_document(tmp_path / "none.yaml", RecordingSpec)
+
+
+def test_references_are_read_but_no_bomb_of_them(tmp_path: Path) -> None:
+    level = TEXT.replace("[0.0, 1.55]", "[&a 0.0, *a]")
+    assert read(tmp_path, level).shelf.levels_m == (0.0, 0.0)
+    rows = "\n".join(f"    - &b{n} [{', '.join([f'*b{n - 1}'] * 9)}]" for n in range(1, 12))
+    bomb = TEXT.replace("[0.0, 1.55]", "\n    - &b0 [1, 1]\n" + rows)
+    with pytest.raises(DocumentError, match=r"recording\.yaml, line \d+: is not yaml: its references stand for more"):
+        read(tmp_path, bomb)
+
+
+def test_a_document_of_very_many_values_is_refused_before_it_fills_the_memory(tmp_path: Path) -> None:
+    with pytest.raises(DocumentError, match=r"is not yaml: has more than 500000 values"):
+        read(tmp_path, TEXT.replace("[0.0, 1.55]", f"[{'1,' * 600_000}]"))
 
 
 numbers = st.floats(-1e6, 1e6)
@@ -148,15 +185,15 @@ names = st.text(st.characters(exclude_categories=("C", "Z")), min_size=1)
         ),
         forklift_from_camera=st.builds(
             MountingSpec,
-            translation_m=st.tuples(*[numbers] * 3),
-            roll_pitch_yaw_deg=st.tuples(*[numbers] * 3),
+            translation_m=st.tuples(*[st.floats(-100, 100)] * 3),
+            roll_pitch_yaw_deg=st.tuples(*[st.floats(-360, 360)] * 3),
             rotation_sigma_deg=st.none() | st.tuples(*[st.floats(0, 10)] * 3),
         ),
         shelf=st.builds(
             ShelfSpec,
             point_m=st.tuples(numbers, numbers),
-            facing_deg=numbers,
-            levels_m=st.none() | st.lists(numbers, min_size=1, max_size=3).map(tuple),
+            facing_deg=st.floats(-360, 360),
+            levels_m=st.none() | st.lists(st.floats(-10, 50), min_size=1, max_size=3).map(tuple),
         ),
         pallets=st.lists(names, min_size=1, max_size=3).map(tuple),
     )
@@ -169,7 +206,7 @@ def test_a_document_written_is_the_document_read(spec: RecordingSpec) -> None:
 
 
 def test_exponents_survive_yamls_idea_of_a_number(tmp_path: Path) -> None:
-    spec = read(tmp_path, TEXT).model_copy(update={"shelf": ShelfSpec(point_m=(1e-7, -1e16), facing_deg=math.pi)})
+    spec = read(tmp_path, TEXT).model_copy(update={"shelf": ShelfSpec(point_m=(1e-7, -1e-16), facing_deg=math.pi)})
     write_document(tmp_path / "again.yaml", spec)
     assert read_document(tmp_path / "again.yaml", RecordingSpec) == spec
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from calibration import result_page as page
 from calibration.degeneracy import NAMES, weakest
-from calibration.findings import Severity
+from calibration.findings import Judgement, Severity
 from calibration.mounting.assessment import MountingAssessment, MountingResult
 from calibration.mounting.checks import LeftOut
 from calibration.mounting.fit import MountingFit
@@ -29,7 +29,12 @@ from calibration.targets.observations import TargetObservation
 from palletloc.drawing.canvas import DEGREE, INK, PLUS_MINUS, SERIES, add_legend
 from palletloc.io.camera_spec import angles_from_transform
 
-_VERDICTS = {0: "The calibration holds.", 1: "The calibration fails.", 3: "The data cannot give a calibration."}
+_VERDICTS = {
+    0: "The calibration holds.",
+    Judgement.RESTRICTED: "The calibration can be used",
+    1: "The calibration fails.",
+    3: "The data cannot give a calibration.",
+}
 """By exit code."""
 _NOTHING = (
     "Nothing is left to do: paste the content of rig.yaml into recording.yaml. Repeat the calibration after"

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from calibration import result_page as page
 from calibration.drive import compose
-from calibration.findings import PASS
+from calibration.findings import PASS, Judgement
 from calibration.report_figure import HEAD, titled_figure, wide_axes
 from calibration.shelf.assessment import ShelfAssessment
 from calibration.shelf.plane import Foot, PlaneEstimate
@@ -27,7 +27,12 @@ from palletloc.shelf import ShelfPlane
 
 _FRONT = {Front.UPRIGHTS: "the front faces of the uprights", Front.PALLETS: "the middle of the pallets' fronts"}
 """What a front is, in words."""
-_VERDICTS = {0: "The plane holds.", 1: "The plane fails.", 3: "The data cannot give the plane."}
+_VERDICTS = {
+    0: "The plane holds.",
+    Judgement.RESTRICTED: "The plane can be used",
+    1: "The plane fails.",
+    3: "The data cannot give the plane.",
+}
 """By exit code."""
 _METHODS = (
     *page.words("method"),

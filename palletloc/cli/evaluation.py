@@ -204,11 +204,17 @@ def _notes(truth: RecordingTruth, settings: Settings) -> list[str]:
 
 def _remarks(runs: Sequence[EvaluatedRun]) -> list[str]:
     """Say what the table does not."""
+    remarks = [
+        f"{run.files.name}, {name}, together: undecided: {source.requirement.together.decision}"
+        for run in runs
+        for name, source in run.sources.items()
+        if source.requirement.together.decision
+    ]
     left_out = runs[0].without_truth
-    if not left_out:
-        return []
-    count = "1 shot has" if len(left_out) == 1 else f"{len(left_out)} shots have"
-    return [f"left out: {count} no truth within the limit; {METRICS} lists the times"]
+    if left_out:
+        count = "1 shot has" if len(left_out) == 1 else f"{len(left_out)} shots have"
+        remarks.append(f"left out: {count} no truth within the limit; {METRICS} lists the times")
+    return remarks
 
 
 class BatchWork(NamedTuple):

@@ -124,12 +124,14 @@ class ResultPage:
     """The title of the page: the command that made it."""
     heading: str
     """What the page is about."""
-    verdicts: Mapping[int | Judgement, str]
-    """What each exit code means, in a sentence, and what `Judgement.RESTRICTED` does, where that is said otherwise."""
+    verdicts: Mapping[int, str]
+    """What each exit code means, in a sentence."""
     sections: tuple[Section, ...]
     """In the order in which they are shown."""
     content: str | None = None
     """Of the file that the calibration writes; None where it gives none."""
+    restricted: str = ""
+    """What a result that warnings restrict is, in a sentence to which they are added; as of exit code 0 if empty."""
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -153,7 +155,7 @@ class ResultPage:
         """The verdict in a sentence: the same on the terminal, on the page and in JSON."""
         if self.judgement is not Judgement.RESTRICTED:
             return self.verdicts[self.exit_code]
-        sentence = self.verdicts.get(self.judgement, self.verdicts[self.exit_code])
+        sentence = self.restricted or self.verdicts[self.exit_code]
         codes = dict.fromkeys(finding.code for finding in self.findings if finding.severity is Severity.WARNING)
         return f"{sentence.rstrip('.')}, with {_RESTRICTIONS[len(codes) > 1]}: {', '.join(codes)}."
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from calibration import result_page as page
-from calibration.findings import Finding, Judgement
+from calibration.findings import Finding
 from calibration.formats.camera_file import camera_text
 from calibration.intrinsics.assessment import Checked
 from calibration.intrinsics.figures import (
@@ -30,19 +30,9 @@ from palletloc.io.camera_spec import angles_from_transform, spec_from_camera
 
 _COMMAND = "palletloc calibrate intrinsics"
 """Title of the pages."""
-_VERDICTS = {
-    0: "The calibration holds.",
-    Judgement.RESTRICTED: "The calibration can be used",
-    1: "The calibration fails.",
-    3: "The data cannot give a calibration.",
-}
+_VERDICTS = {0: "The calibration holds.", 1: "The calibration fails.", 3: "The data cannot give a calibration."}
 """Of a calibration of lenses, by exit code."""
-_STITCHED_VERDICTS = {
-    0: "The correction holds.",
-    Judgement.RESTRICTED: "The correction can be used",
-    1: "The correction fails.",
-    3: "The data cannot give a correction.",
-}
+_STITCHED_VERDICTS = {0: "The correction holds.", 1: "The correction fails.", 3: "The data cannot give a correction."}
 """Of a correction of stitched shots, by exit code."""
 _NOTHING = "Nothing is left to do: paste the camera into recording.yaml or extrinsics.yaml."
 """Where there is no finding."""
@@ -55,9 +45,11 @@ def lenses_page(result: LensCalibration | StitchedCalibration) -> page.ResultPag
     content = None if result.camera is None else camera_text(result.camera)
     if isinstance(result, StitchedCalibration):
         heading, sections = "The lenses behind a stitched image", tuple(_stitched_sections(result))
-        return page.ResultPage(_COMMAND, heading, _STITCHED_VERDICTS, sections, content)
+        return page.ResultPage(_COMMAND, heading, _STITCHED_VERDICTS, sections, content, "The correction can be used")
     heading = f"The lens by the model {result.model}"
-    return page.ResultPage(_COMMAND, heading, _VERDICTS, tuple(_sections(result)), content)
+    return page.ResultPage(
+        _COMMAND, heading, _VERDICTS, tuple(_sections(result)), content, "The calibration can be used"
+    )
 
 
 def _sections(result: LensCalibration) -> Iterator[page.Section]:

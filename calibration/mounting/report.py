@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from calibration import result_page as page
 from calibration.degeneracy import NAMES, weakest
-from calibration.findings import Judgement, Severity
+from calibration.findings import Severity
 from calibration.mounting.assessment import MountingAssessment, MountingResult
 from calibration.mounting.checks import LeftOut
 from calibration.mounting.fit import MountingFit
@@ -29,13 +29,10 @@ from calibration.targets.observations import TargetObservation
 from palletloc.drawing.canvas import DEGREE, INK, PLUS_MINUS, SERIES, add_legend
 from palletloc.io.camera_spec import angles_from_transform
 
-_VERDICTS = {
-    0: "The calibration holds.",
-    Judgement.RESTRICTED: "The calibration can be used",
-    1: "The calibration fails.",
-    3: "The data cannot give a calibration.",
-}
+_VERDICTS = {0: "The calibration holds.", 1: "The calibration fails.", 3: "The data cannot give a calibration."}
 """By exit code."""
+_USABLE = "The calibration can be used"
+"""Where warnings restrict it."""
 _NOTHING = (
     "Nothing is left to do: paste the content of rig.yaml into recording.yaml. Repeat the calibration after"
     " anything has hit the camera or its mast."
@@ -47,7 +44,9 @@ def mounting_page(result: MountingResult) -> page.ResultPage:
     """Return a mounting, from `calibrate_mounting`, as all outputs show it."""
     content = None if result.mounting is None else rig_text(result.camera, result.mounting)
     heading = "Where the camera is on the forklift"
-    return page.ResultPage("palletloc calibrate extrinsics", heading, _VERDICTS, tuple(_sections(result)), content)
+    return page.ResultPage(
+        "palletloc calibrate extrinsics", heading, _VERDICTS, tuple(_sections(result)), content, _USABLE
+    )
 
 
 def _sections(result: MountingResult) -> Iterator[page.Section]:

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from calibration import result_page as page
 from calibration.drive import compose
-from calibration.findings import PASS, Judgement
+from calibration.findings import PASS
 from calibration.report_figure import HEAD, titled_figure, wide_axes
 from calibration.shelf.assessment import ShelfAssessment
 from calibration.shelf.plane import Foot, PlaneEstimate
@@ -27,13 +27,10 @@ from palletloc.shelf import ShelfPlane
 
 _FRONT = {Front.UPRIGHTS: "the front faces of the uprights", Front.PALLETS: "the middle of the pallets' fronts"}
 """What a front is, in words."""
-_VERDICTS = {
-    0: "The plane holds.",
-    Judgement.RESTRICTED: "The plane can be used",
-    1: "The plane fails.",
-    3: "The data cannot give the plane.",
-}
+_VERDICTS = {0: "The plane holds.", 1: "The plane fails.", 3: "The data cannot give the plane."}
 """By exit code."""
+_USABLE = "The plane can be used"
+"""Where warnings restrict it."""
 _METHODS = (
     *page.words("method"),
     *page.numbers(f"facing {DEGREE}", "sigma", "distance m", "sigma mm"),
@@ -59,7 +56,9 @@ def shelf_page(assessment: ShelfAssessment) -> page.ResultPage:
     if assessment.exit_code == PASS and survey.plane is not None:
         content = recording_text(read_document(survey.recording.folder / RECORDING, RecordingSpec), survey.plane)
     sections = tuple(_sections(assessment))
-    return page.ResultPage("palletloc calibrate shelf", "Where the shelf's front is", _VERDICTS, sections, content)
+    return page.ResultPage(
+        "palletloc calibrate shelf", "Where the shelf's front is", _VERDICTS, sections, content, _USABLE
+    )
 
 
 def _sections(assessment: ShelfAssessment) -> Iterator[page.Section]:

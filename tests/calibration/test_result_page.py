@@ -9,7 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 from rich.console import Console
 
-from calibration.findings import Finding, Judgement, Severity
+from calibration.findings import Finding, Severity
 from calibration.result_page import (
     Drawing,
     Findings,
@@ -99,7 +99,7 @@ def test_there_is_one_verdict_on_the_page_in_json_and_as_exit_code(
     severities: list[Severity], code: int, judgement: str, sentence: str
 ) -> None:
     findings = [Finding(severity, f"c{number}", "x", "y") for number, severity in enumerate(severities)]
-    page = replace(result(*findings), verdicts={**VERDICTS, Judgement.RESTRICTED: "It can be used"})
+    page = replace(result(*findings), restricted="It can be used")
     data, html = json.loads(json_text(page)), html_text(page)
     assert (page.exit_code, page.verdict) == (code, sentence)
     assert (data["exit_code"], data["judgement"], data["verdict"]) == (code, judgement, sentence)

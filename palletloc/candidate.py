@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from palletloc.geometry import FloatArray, LevelPose
-from palletloc.measurement import HeightPrior, PalletMeasurement, Reason, Stage, YawSource
+from palletloc.measurement import BetterModel, HeightPrior, PalletMeasurement, Reason, Stage, YawSource
 from palletloc.pallet import PalletModel
 from palletloc.refinement.face_fit import FaceEstimate, FacePrior
 from palletloc.shot import Shot
@@ -91,6 +91,8 @@ class Refusal:
     """What had been measured; None where it was given up before."""
     steps: tuple[object, ...] = ()
     """Results of the steps before, as in `Fit`."""
+    better: BetterModel | None = None
+    """The model that explains the image better; None where none does or the models are not the reason."""
 
     @property
     def rank(self) -> float:

@@ -51,6 +51,10 @@ IN_WORDS: Mapping[str, tuple[str, str]] = {
         "drive nearer, give levels_m, measure the mounting better, or measure the pallet",
     ),
     Reason.OFF_LEVEL: ("it stands at no height where loads stand", "measure levels_m again"),
+    Reason.OTHER_MODEL: (
+        "a pallet of a model that the recording does not name fits better",
+        "correct pallets in recording.yaml, or measure the pallet",
+    ),
 }
 """What each reason means, and what to do about it; ``docs/refusals.md`` has more."""
 
@@ -102,6 +106,8 @@ def spoke_against(refusal: Refusal, config: VerificationConfig | None = None) ->
     """
     limits, fit = config or VerificationConfig(), refusal.fit
     means = IN_WORDS[refusal.reason][0]
+    if refusal.better is not None:
+        return f"{means}: {refusal.better}"
     if fit is None:
         return means
     if refusal.reason is Reason.UNCERTAIN:

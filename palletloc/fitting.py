@@ -147,7 +147,7 @@ def decide(best: Fit | Refusal, rivals: Iterable[Rival], config: LocalizerConfig
         if isinstance(best, Refusal) and rival.instead is not None:
             return rival.instead
         if isinstance(best, Fit) and rival.wins:
-            return rival.instead or _given_up(best, rival.reason)
+            return rival.instead or replace(_given_up(best, rival.reason), better=rival.better)
         odds.append(rival.nats)
         apart.append(rival.apart)
     if len(odds) > 1:

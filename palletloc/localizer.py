@@ -17,9 +17,11 @@ from palletloc.footprint import overlapping
 from palletloc.geometry import LevelPose
 from palletloc.measurement import HeightPrior, PalletMeasurement, Reason, RefusedCandidate, Stage
 from palletloc.methods import METHODS
+from palletloc.other_models import other_models, unstated_models
 from palletloc.overlap import exclude_overlaps
 from palletloc.pallet import PalletModel
-from palletloc.rivals import one_opening_aside, other_models, wide_start
+from palletloc.pallet_library import load_library
+from palletloc.rivals import one_opening_aside, wide_start
 from palletloc.shelf import ShelfPlane
 from palletloc.shelf_view import ShelfView
 from palletloc.shot import Shot, points_about, shelf_points
@@ -65,7 +67,12 @@ class Explanation:
         """The candidates that were given up."""
         return [
             RefusedCandidate(
-                self.shot.time, refusal.candidate.model.name, refusal.stage, refusal.reason, self.shot.file
+                self.shot.time,
+                refusal.candidate.model.name,
+                refusal.stage,
+                refusal.reason,
+                self.shot.file,
+                refusal.better,
             )
             for refusal in self.outcomes
             if isinstance(refusal, Refusal)
@@ -83,6 +90,8 @@ class Localizer:
         How poses are measured.
     config : LocalizerConfig
         Parameters of every step.
+    library : iterable of PalletModel
+        What may stand there instead; by default the models that come along.
 
     Notes
     -----
@@ -90,13 +99,19 @@ class Localizer:
     """
 
     def __init__(
-        self, models: Iterable[PalletModel], method: Method = Method.REFINED, config: LocalizerConfig | None = None
+        self,
+        models: Iterable[PalletModel],
+        method: Method = Method.REFINED,
+        config: LocalizerConfig | None = None,
+        library: Iterable[PalletModel] | None = None,
     ) -> None:
         self.models = {model.name: model for model in models}
         if not self.models:
             raise ValueError("a localizer needs at least one pallet model")
         self.method = method
         self.config = config or LocalizerConfig()
+        others = load_library().values() if library is None else library
+        self.library = tuple(model for model in others if model.name not in self.models)
 
     def localize(self, shot: Shot, shelf: ShelfPlane) -> list[PalletMeasurement]:
         """Find every pallet on a shelf.
@@ -126,6 +141,7 @@ class Localizer:
         detections, views = detect(exposed, shelf, list(self.models.values()), self.config.detection)
         fits = exclude_overlaps(self._fits(exposed, detections), self.config.verification)
         fits = exclude_overlaps([self._beside(exposed, fit) for fit in fits], self.config.verification)
+        fits = [self._against_library(exposed, fit) for fit in fits]
         return Explanation(shot, tuple(views), tuple(detections), tuple(fits))
 
     def localize_from(
@@ -177,7 +193,7 @@ class Localizer:
         measure = METHODS[self.method]
         near = measure(shot, given, self.config)
         best = decide(near, wide_start(shot, near, measure, self.config), self.config)
-        return self._beside(shot, self._against_models(shot, best))
+        return self._against_library(shot, self._beside(shot, self._against_models(shot, best)))
 
     def _against_models(self, shot: Shot, best: Fit | Refusal) -> Fit | Refusal:
         """Weigh every other model; as published, the paper's methods ask no such question."""
@@ -189,6 +205,13 @@ class Localizer:
     def _beside(self, shot: Shot, best: Fit | Refusal) -> Fit | Refusal:
         """Weigh the same pallet one opening aside."""
         rivals = one_opening_aside(shot, best, METHODS[self.method], self.config)
+        return decide(best, rivals, self.config)
+
+    def _against_library(self, shot: Shot, best: Fit | Refusal) -> Fit | Refusal:
+        """Weigh models that nobody looked for; as published, the paper's methods ask no such question."""
+        if self.method in UNVERIFIED:
+            return best
+        rivals = unstated_models(shot, best, self.library, METHODS[self.method], self.config)
         return decide(best, rivals, self.config)
 
     def _exposed_for(self, shot: Shot, shelf: ShelfPlane) -> Shot:

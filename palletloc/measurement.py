@@ -81,6 +81,8 @@ class Reason(StrEnum):
     """A pallet, but its pose is too uncertain to be of use."""
     OFF_LEVEL = "off_level"
     """The pose is not at any height where loads stand."""
+    OTHER_MODEL = "other_model"
+    """Another pallet of the library, which was not looked for, explains the image better."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,6 +106,20 @@ class PalletMeasurement:
 
 
 @dataclass(frozen=True, slots=True)
+class BetterModel:
+    """Another pallet model that explains the image better."""
+
+    name: str
+    """Its name in the library."""
+    nats: float
+    """How much likelier it is, as a logarithm."""
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        return f"{self.name} is likelier by {self.nats:.1f} nats"
+
+
+@dataclass(frozen=True, slots=True)
 class RefusedCandidate:
     """A candidate of a shot that was given up: a row of refusals.csv."""
 
@@ -117,3 +133,5 @@ class RefusedCandidate:
     """Why."""
     file: str = ""
     """The shot's image, as the recording names it."""
+    better: BetterModel | None = None
+    """The model that explains the image better, where that is why; files of refusals do not hold it."""

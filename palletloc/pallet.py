@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -132,6 +133,37 @@ class PalletModel:
         lefts = (-self.width / 2, *(opening.right for opening in self.openings))
         rights = (*(opening.left for opening in self.openings), self.width / 2)
         return tuple(zip(lefts, rights, strict=True))
+
+    def largest_difference(self, other: PalletModel) -> float:
+        """Return how far the edges of another model's face lie from this one's at most, in metres.
+
+        Parameters
+        ----------
+        other : PalletModel
+            The other model, with the same middle and the same underside.
+
+        Returns
+        -------
+        float
+            The largest difference; infinite where the faces have different numbers of openings.
+
+        Examples
+        --------
+        >>> openings = (Opening(-0.265, 0.024, 0.290, 0.092), Opening(0.265, 0.024, 0.290, 0.092))
+        >>> model = PalletModel("plastic", width=1.1, height=0.144, depth=1.1, openings=openings)
+        >>> wider = PalletModel("wider", width=1.2, height=0.144, depth=1.1, openings=openings)
+        >>> round(model.largest_difference(wider), 3)
+        0.05
+        """
+        if len(self.openings) != len(other.openings):
+            return math.inf
+        return max(abs(own - its) for own, its in zip(self._places(), other._places(), strict=True))
+
+    def _places(self) -> Iterator[float]:
+        """Yield where the lines of the face lie, in metres."""
+        yield from (self.width / 2, self.height)
+        for opening in self.openings:
+            yield from (opening.left, opening.right, opening.bottom, opening.top)
 
     def _require_openings_inside(self) -> None:
         """Check that each opening has solid material at its sides and above, and that none overlap."""

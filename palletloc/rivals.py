@@ -15,9 +15,9 @@ import numpy as np
 from palletloc.candidate import Candidate, Fit, Refusal
 from palletloc.config import LocalizerConfig
 from palletloc.geometry import FloatArray, LevelPose
-from palletloc.measurement import HeightPrior, Reason, Stage
+from palletloc.measurement import BetterModel, HeightPrior, Reason, Stage
 from palletloc.pallet import PalletModel
-from palletloc.refinement.face_fit import FaceEstimate, fit_face
+from palletloc.refinement.face_fit import fit_face
 from palletloc.shot import Shot
 from palletloc.verification import NATS_PER_EDGE, WEAK_DOUBT
 
@@ -50,6 +50,8 @@ class Rival:
     """Why the fit is refused where the rival wins."""
     instead: Fit | None = None
     """What takes the fit's place then; None where neither is to be believed."""
+    better: BetterModel | None = None
+    """The model that it is, where that is why it wins."""
 
     @property
     def wins(self) -> bool:
@@ -158,52 +160,6 @@ def any_height(shot: Shot, best: Fit, config: LocalizerConfig) -> Iterator[Rival
     odds = float(chance + 0.5 * off**2 + NATS_PER_EDGE * (face.doubt - free.doubt))
     if odds >= math.log(WRONG_LEVEL / (1 - WRONG_LEVEL)):  # else the face speaks rather for its level than against it
         yield Rival(odds, free.forklift_from_pallet.minus(best.pose), float(off), Reason.OFF_LEVEL)
-
-
-def other_models(
-    shot: Shot, best: Fit | Refusal, models: Iterable[PalletModel], measure: Measure, config: LocalizerConfig
-) -> Iterator[Rival]:
-    """Yield other models in a fit's place in the image, where its height is unknown and only its size tells.
-
-    Parameters
-    ----------
-    shot : Shot
-        The shot.
-    best : Fit or Refusal
-        What was measured.
-    models : iterable of PalletModel
-        What else may stand there; the fit's own is no rival.
-    measure : callable
-        Measures a candidate.
-    config : LocalizerConfig
-        Parameters.
-    """
-    if isinstance(best, Refusal) or best.candidate.height is not None or best.face is None:
-        return
-    for model in models:
-        if model.name == best.candidate.model.name:
-            continue
-        rival = measure(shot, Candidate(model, _as_wide(model, best, shot)), config)
-        nats = rival.likelihood - best.likelihood
-        if rival.fit is not None and nats >= -NATS_PER_EDGE:  # where an edge more speaks for the fit there is none
-            apart = rival.fit.pose.minus(best.pose)
-            yield Rival(nats, apart, _sigmas(apart, best.face), Reason.OVERLAP)
-
-
-def _as_wide(model: PalletModel, fit: Fit, shot: Shot) -> LevelPose:
-    """Return where another model would appear as wide as a fit's, in the same direction."""
-    pose, center = fit.pose, shot.mounting.center
-    place = np.array([pose.x, pose.y, pose.z])
-    x, y, z = (center + model.width / fit.candidate.model.width * (place - center)).tolist()
-    return LevelPose(x, y, z, pose.yaw)
-
-
-def _sigmas(apart: FloatArray, face: FaceEstimate) -> float:
-    """Return how far a rival is apart by what the edges alone leave uncertain.
-
-    What doubt has added to the covariance is no reason to believe in the worse of two.
-    """
-    return math.sqrt(float(apart @ np.linalg.solve(face.covariance, apart)))
 
 
 def one_opening_aside(shot: Shot, best: Fit | Refusal, measure: Measure, config: LocalizerConfig) -> Iterator[Rival]:

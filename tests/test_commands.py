@@ -1,7 +1,10 @@
 """Every command, found by walking the program: help with examples, one JSON document, and silence."""
 
 import json
+import os
 import re
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -241,3 +244,13 @@ def test_the_shell_completes_commands_and_options(
     monkeypatch.setenv("COMP_CWORD", str(len(typed.split()) - 1))
     run([], COMMANDS)
     assert set(capsys.readouterr().out.split()) == expected
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
+def test_a_terminal_that_cannot_show_a_sign_stops_nothing(encoding: str) -> None:
+    command = [sys.executable, "-m", "palletloc", "pallets", "epal1-800"]
+    root = Path(__file__).resolve().parents[1]
+    environment = {**os.environ, "PYTHONIOENCODING": encoding}
+    ended = subprocess.run(command, capture_output=True, check=True, cwd=root, env=environment)
+    assert b"epal1-800" in ended.stdout
+    assert ended.stderr == b""

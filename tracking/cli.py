@@ -65,6 +65,7 @@ def track(
     from palletloc.io.recording import read_recording
     from palletloc.mounting_yaw import seen_turn, turn_document, turn_lines
     from palletloc.recording_run import read_job
+    from palletloc.report.overview_page import OVERVIEW
     from tracking.config import TrackerConfig, read_tracker_config
     from tracking.recording import check_used, read_measured, write_run
 
@@ -86,7 +87,8 @@ def track(
     write_run(out, run, _picture(run, truth))
     turn = seen_turn(inputs.measured, inputs.recording.odometry, inputs.recording.forklift_from_camera)
     document = {**_document(inputs, run, out), **turn_document(turn)}
-    return Shown(document, (_table(run), _tally(inputs, run), f"results: {out}"), turn_lines(turn))
+    pages = [f"look at {out / OVERVIEW}"] if measurements is None else []
+    return Shown(document, (_table(run), _tally(inputs, run), f"results: {out}", *pages), turn_lines(turn))
 
 
 @shows

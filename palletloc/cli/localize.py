@@ -135,6 +135,7 @@ def _shown(output: RunFolder, job: Job, tally: Tally) -> Shown:
         "pallets": [_pose_document(row) for row in found],
         "starts_without_pose": len(rows) - len(found),
         "refused": _refused_document(refusals),
+        "other_models": tally.better_models(),
         "seconds_per_shot": median(tally.durations) if tally.durations else None,
     }
     parts = [*_poses(found, job), tally.table(output.done, len(output.skipped)), *_in_words(refusals)]
@@ -230,6 +231,8 @@ class Tally:
     """Candidates given up by stage and reason."""
     durations: list[float] = field(default_factory=list)
     """Time of each shot, in seconds."""
+    better: dict[tuple[str, str], list[float]] = field(default_factory=dict)
+    """By stated model and the one that explains its places better: how much likelier it is there, in nats."""
 
     def add(self, outcome: ShotOutcome) -> None:
         """Count a shot, unless it was skipped."""
@@ -240,6 +243,17 @@ class Tally:
         self.without_pose += len(outcome.rows) - len(found)
         self.refusals.update(f"{refusal.stage}: {refusal.reason}" for refusal in outcome.refusals)
         self.durations.append(outcome.duration)
+        for refusal in outcome.refusals:
+            if refusal.better is not None:
+                self.better.setdefault((refusal.model, refusal.better.name), []).append(refusal.better.nats)
+
+    def better_models(self) -> list[dict[str, Any]]:
+        """Return which models explain the places of stated ones better, the most frequent first, for a document."""
+        pairs = sorted(self.better.items(), key=lambda pair: -len(pair[1]))
+        return [
+            {"stated": stated, "likelier": name, "places": len(nats), "nats": median(nats)}
+            for (stated, name), nats in pairs
+        ]
 
     def table(self, done: int, skipped: int) -> Table:
         """Return the counts for people to read.
@@ -264,6 +278,9 @@ class Tally:
             if self.without_pose:
                 table.add_row("", "starts without a pose", str(self.without_pose))
             _add_counts(table, "refused", self.refusals)
+            for position, pair in enumerate(self.better_models()):
+                what = f"{pair['stated']}: rather {pair['likelier']}, by {pair['nats']:.1f} nats"
+                table.add_row("" if position else "other model", what, str(pair["places"]))
             table.add_row("time", "per shot (median)", f"{median(self.durations):.2f} s")
         return table
 

@@ -57,6 +57,8 @@ class MeasuredEdge:
     """Where a camera should see it against the drawn edge, and how sure that is."""
     pixel: float
     """Size of a pixel of the image across the edge, in metres."""
+    reach: float
+    """How far from its place it was looked for, in metres."""
     evidence_weight: float
     """How much it says whether it is seen, 0 to 1; see `SeenFace.evidence_weight`."""
 
@@ -178,9 +180,9 @@ def measure_face(
     hidden = joined(hidden_spans(cuts, peaks, fits, belongs), occluders) if reach.settled else joined(occluders)
     usual = median([fit.strength for fit in fits if fit is not None] or [0.0])
     edges = tuple(
-        MeasuredEdge(line, fit, _sigma(fit, gap, model.tolerance, size, FAINT * usual), shift, size, weight)
-        for line, fit, gap, shift, size, weight in zip(
-            lines, fits, gaps, shifts, across.tolist(), weights, strict=True
+        MeasuredEdge(line, fit, _sigma(fit, gap, model.tolerance, size, FAINT * usual), shift, size, away, weight)
+        for line, fit, gap, shift, size, away, weight in zip(
+            lines, fits, gaps, shifts, across.tolist(), far.tolist(), weights, strict=True
         )
         if fit is not None and not is_hidden(line, hidden)
     )

@@ -7,19 +7,21 @@ is not known of the mounting as parameters with their own sigmas.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from statistics import median
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import erf
 
 from palletloc.face import FaceEdge
 from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 from palletloc.measurement import HeightPrior, Reason
 from palletloc.pallet import PalletModel
 from palletloc.refinement.depth_edges import add_depth_edges
-from palletloc.refinement.edges import EdgeReach, SeenFace, measure_face
+from palletloc.refinement.edges import PIXEL_ERROR, EdgeReach, SeenFace, measure_face
 from palletloc.refinement.level_lines import LevelYaw, yaw_from_level_lines
 from palletloc.refinement.normal_equations import USED_WEIGHT, FaceEquations, FaceSolution
 from palletloc.refinement.occlusion import Spans, hidden_part
@@ -35,6 +37,9 @@ EDGES_PER_NAT = 0.5
 """How many missing edges each unit of evidence makes up for that edges behind the face give."""
 FAINT_UPRIGHT = 0.2
 """Part of the level edges' gradient that upright ones have at least in a pallet: they belong to the same blocks."""
+EXACT = 0.001
+"""How far the edges of an exactly drawn pallet lie from their drawing, in metres: the tolerance of a model unless it
+states another."""
 HIDDEN_DOUBT = 0.5
 """How much an edge counts as missing that something seems to stand before."""
 
@@ -115,6 +120,11 @@ class FaceEstimate:
     """Whether an earlier fit came to the same pose."""
     behind: float = 0.0
     """Evidence for the pose from edges behind the face, as a logarithm; 0 where none agree."""
+    nearness: float = 0.0
+    """How much likelier the edges are where they were found than anywhere within reach, in nats: a model with loose
+    tolerances, which fits whatever is there, gains little by it."""
+    attainable: float = 0.0
+    """What that would be if all visible edges lay exactly where a drawing has them."""
 
     @property
     def hidden(self) -> tuple[FaceEdge, ...]:
@@ -269,7 +279,37 @@ def _estimate(seen: SeenFace, pose: LevelPose, solution: FaceSolution, behind: f
     forklift_from_face = np.array([[sin, 0, cos, 0], [-cos, 0, sin, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
     covariance = forklift_from_face @ solution.covariance @ forklift_from_face.T
     doubt = _doubt(seen, solution, behind)
-    return FaceEstimate(moved, covariance, seen, solution.weights, solution.chi2, doubt, behind=behind)
+    near, attainable = _nearness(seen, solution)
+    return FaceEstimate(
+        moved,
+        covariance,
+        seen,
+        solution.weights,
+        solution.chi2,
+        doubt,
+        behind=behind,
+        nearness=near,
+        attainable=attainable,
+    )
+
+
+def _nearness(seen: SeenFace, solution: FaceSolution) -> tuple[float, float]:
+    """Return how much likelier the edges are where they were found than anywhere within reach, in nats, and the most.
+
+    The density of a Gaussian that ends at the reach, against an even one.
+    """
+    numbers = [(edge.evidence_weight, edge.reach, edge.sigma, edge.shift.sigma, edge.pixel) for edge in seen.edges]
+    says, reach, measured, own, pixel = np.array(numbers).T
+    found = _gain(reach / np.hypot(measured, own)) - 0.5 * solution.residuals**2
+    most = _gain(reach / np.sqrt(EXACT**2 + (PIXEL_ERROR * pixel) ** 2 + own**2))
+    return float((says * solution.weights) @ found), float(
+        seen.expected * (says @ most) / max(float(says.sum()), 1e-9)
+    )
+
+
+def _gain(parts: FloatArray) -> FloatArray:
+    """Return the gain of an edge exactly in its place, in nats, by its reach in standard deviations."""
+    return np.asarray(np.log(parts * math.sqrt(2.0 / math.pi) / erf(parts / math.sqrt(2.0))))
 
 
 def _doubt(seen: SeenFace, solution: FaceSolution, behind: float) -> float:

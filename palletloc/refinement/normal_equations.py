@@ -55,6 +55,8 @@ class FaceSolution:
     """(edges,) how far outward the motion shifts the images of the edges on the plane of the face, in metres."""
     weights: FloatArray
     """(edges,) weight of each edge's offset, 0 to 1."""
+    residuals: FloatArray
+    """(edges,) what the motion leaves of each edge's offset, in its standard deviations."""
     chi2: float
     """Mean squared normalised residual of the measurements that count."""
     unknowns: FloatArray
@@ -236,9 +238,9 @@ class FaceEquations:
         used = robust & (weights > USED_WEIGHT)
         chi2 = float((weights * residual**2)[used].sum() / max(float(weights[used].sum()), 1.0))
         covariance = _solved(normal, np.eye(self._unknowns, _MOTION))[:_MOTION] * max(chi2, 1.0)
-        own = weights[: len(self.seen.edges)]
+        own, left = (part[: len(self.seen.edges)] for part in (weights, residual))
         motion = solution[:_MOTION]
-        return FaceSolution(motion, covariance, self._shifts @ motion, own, chi2, solution, normal)
+        return FaceSolution(motion, covariance, self._shifts @ motion, own, left, chi2, solution, normal)
 
 
 def apparent_motion(points: FloatArray, center: FloatArray) -> FloatArray:

@@ -177,7 +177,7 @@ FROM_ABOVE, FROM_BELOW = np.array([0.2, 1.2, 2.0]), np.array([0.2, -0.6, 2.0])
 
 def measured(edge: FaceEdge) -> MeasuredEdge:
     fit, shift = EdgeFit(0.002, 0.0, 1e-3, 1e-3, 0.9, 20.0), EdgeShift(0.0, 0.004, True)
-    return MeasuredEdge(edge, fit, 0.003, shift, 0.004, 1.0)
+    return MeasuredEdge(edge, fit, 0.003, shift, 0.004, 0.011, 1.0)
 
 
 def face(edges: list[FaceEdge], weights: list[float], camera: Any = FROM_ABOVE, **fields: Any) -> Any:

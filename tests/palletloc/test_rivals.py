@@ -6,15 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palletloc import Candidate, Fit, LevelPose, Localizer, LocalizerConfig, PalletModel, Refusal, Shot, Start
+from palletloc import Candidate, Fit, LevelPose, LocalizerConfig, PalletModel, Refusal, Shot
 from palletloc.fitting import FitStart, decide, fit_from_starts
 from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
 from palletloc.methods import measure_refined
 from palletloc.refinement.face_fit import FaceEstimate, FacePrior, fit_face
 from palletloc.refinement.patch import FacePatch, view_patch
-from palletloc.rivals import Rival, any_height, one_opening_aside, other_models, other_starts, own_start, wide_start
+from palletloc.rivals import Rival, any_height, one_opening_aside, other_starts, own_start, wide_start
 from palletloc.verification import Evidence
-from tests.palletloc.poses import CONFIG, FLOOR, POSE, Height, Outcome, Portrait, found, moved, slid
+from tests.palletloc.poses import CONFIG, FLOOR, POSE, Height, Outcome, Portrait, found, moved
 
 CERTAIN, DOUBTFUL = Evidence(4.0, 1.0, 0.8, 0.1), Evidence(2.2, 0.6, 0.5, 3.0)
 
@@ -137,39 +137,6 @@ def test_a_rival_that_fails_its_checks_still_refuses(portrait: Portrait, epal: P
     refused = decide(alias, one_opening_aside(shot, alias, measure_badly, CONFIG), CONFIG)
     assert isinstance(refused, Refusal)
     assert (refused.stage, refused.reason, refused.fit) == (Stage.VERIFICATION, Reason.OVERLAP, alias)
-
-
-# Another model.
-
-
-@pytest.mark.parametrize("names", [("epal", "t11"), ("t11", "epal")], ids="-as-".join)
-def test_at_any_height_a_model_gives_way_to_the_one_that_stands_there(
-    names: tuple[str, str], portrait: Portrait, request: pytest.FixtureRequest
-) -> None:
-    model, other = (request.getfixturevalue(name) for name in names)
-    shot = portrait(model, POSE)
-    # where the other model would look as wide
-    starts = [Start(other.name, slid(shot, POSE, other.width / model.width)), Start(model.name, POSE)]
-    wrong, right = Localizer([model, other]).explain_from(shot, starts).outcomes
-    assert isinstance(wrong, Refusal)
-    assert isinstance(right, Fit)
-    assert np.abs(right.pose.minus(POSE))[:3].max() < 0.03
-
-
-def test_models_alike_contradict_nothing_and_on_a_level_none_is_tried(portrait: Portrait, t11: PalletModel) -> None:
-    shot, alike = portrait(t11, POSE), replace(t11, name="alike", width=t11.width + 0.002)
-    alone, together = (
-        Localizer(models).localize_from(shot, [Start("t11", POSE)])[0] for models in ([t11], [t11, alike])
-    )
-    assert alone is not None
-    assert together is not None
-    assert together.forklift_from_pallet == alone.forklift_from_pallet
-    assert (np.diag(together.covariance) >= np.diag(alone.covariance)).all()
-    shot, other = portrait(t11, POSE), replace(t11, name="other", width=1.2)
-    known = found(measured(shot, t11))
-    free = replace(known, candidate=replace(known.candidate, height=None))
-    for best, model in ((known, other), (free, t11), (given_up(free), other), (replace(free, face=None), other)):
-        assert list(other_models(shot, best, [model], never, CONFIG)) == []
 
 
 # The same face at any height.

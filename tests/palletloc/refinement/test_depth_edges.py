@@ -101,7 +101,7 @@ def seen_face(shot: Shot, model: PalletModel) -> SeenFace:
     """A face whose edges all lie where they should, each known to a hundredth of a millimetre."""
     camera, fit = shot.camera_in(BEFORE), EdgeFit(0.0, 0.0, 1e-5, 1e-5, 1.0, 10.0)
     lines = tuple(line.whole for line in face_lines(model))
-    edges = tuple(MeasuredEdge(line, fit, 1e-5, edge_shift(line, camera, model), PIXEL, 1.0) for line in lines)
+    edges = tuple(MeasuredEdge(line, fit, 1e-5, edge_shift(line, camera, model), PIXEL, 0.011, 1.0) for line in lines)
     return SeenFace(camera, shot.camera_from_face(BEFORE), lines, edges, len(lines))
 
 

@@ -199,7 +199,7 @@ def line_of(line: FaceLine, model: PalletModel, camera: Camera, yaw: float, off:
     slope = float((ends[1] - ends[0]) @ edge.outward) / edge.length + off
     offset = float((seen_point(edge.middle, center, yaw) - edge.middle) @ edge.outward)
     fit = EdgeFit(offset, slope, 1e-4, sigma, 1.0, 10.0)
-    return MeasuredEdge(edge, fit, 1e-3, edge_shift(edge, center, model), 0.003, 1.0)
+    return MeasuredEdge(edge, fit, 1e-3, edge_shift(edge, center, model), 0.003, 0.011, 1.0)
 
 
 def turned(

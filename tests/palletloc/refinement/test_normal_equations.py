@@ -83,7 +83,7 @@ def seen_face(
         fit = geometry.fit(line.whole)
         fit = replace(fit, offset=fit.offset + (noise[i] if len(noise) else 0.0))
         shift = replace(edge_shift(line.whole, camera, model), sigma=0.0)
-        edges.append(MeasuredEdge(line.whole, fit, sigma, shift, 0.003, 1.0))
+        edges.append(MeasuredEdge(line.whole, fit, sigma, shift, 0.003, 0.011, 1.0))
     return SeenFace(camera, np.eye(4), (), tuple(edges), len(edges))
 
 
@@ -237,7 +237,7 @@ def level_system(mounting: Mounting, sigma: float = 1e-3) -> tuple[FaceEquations
     camera = forklift_from_plane(LEVEL_POSE).inv().apply(mounting.center)
     fit = EdgeFit(0.0, 0.0, 1e-4, 1e-4, 1.0, 10.0)
     edges = [
-        MeasuredEdge(line.whole, fit, sigma, edge_shift(line.whole, camera, EPAL), 0.003, 1.0)
+        MeasuredEdge(line.whole, fit, sigma, edge_shift(line.whole, camera, EPAL), 0.003, 0.011, 1.0)
         for line in face_lines(EPAL)
     ]
     system = FaceEquations(SeenFace(camera, np.eye(4), (), tuple(edges), len(edges)), LEVEL_POSE, mounting, EPAL)

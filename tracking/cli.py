@@ -149,7 +149,7 @@ def _truth_of(recording: Recording) -> Truth | None:
     """Return the truth for the picture, where it has a path; its faults are found before the work begins."""
     from palletloc.io.truth import path_file, read_truth
 
-    return read_truth(recording.folder) if path_file(recording.folder) else None
+    return read_truth(recording.folder, recording.truth_form) if path_file(recording.folder) else None
 
 
 def _localized(job: Job, out: Path, how: tuple[bool, bool, bool], config: Path | None) -> Inputs:

@@ -195,11 +195,11 @@ def _compared(compared: Sequence[ComparedRuns]) -> Table:
 
 
 def _notes(truth: RecordingTruth, settings: Settings) -> list[str]:
-    """Return the first notes about the survey."""
+    """Return the notes about the files, and the first about the survey."""
     notes = list(survey_notes(truth, settings.stop_limit))
     more = len(notes) - _NOTES
     rest = [f"survey: {more} more notes; {METRICS} lists all"] if more > 0 else []
-    return [*(f"survey: {note}" for note in notes[:_NOTES]), *rest]
+    return [*truth.notes, *(f"survey: {note}" for note in notes[:_NOTES]), *rest]
 
 
 def _remarks(runs: Sequence[EvaluatedRun]) -> list[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 
@@ -153,12 +154,14 @@ class PalletMeasurement:
 
     def __post_init__(self) -> None:
         """Refuse what no measurement can state."""
-        if not isinstance(self.model, str) or not self.model:
-            raise ValueError(f"model: expected the name of a pallet model, got {self.model!r:.60}")
-        if not isinstance(self.file, str):
-            raise ValueError(f"file: expected a text, got {self.file!r:.60}")
-        if isinstance(self.score, bool) or not isinstance(self.score, _REAL) or not 0 <= self.score <= 1:
-            raise ValueError(f"score: expected a number from 0 to 1, got {self.score!r:.60}")
+        given: dict[str, Any] = {name: getattr(self, name) for name in ("model", "file", "score")}
+        model, file, score = given.values()
+        if not isinstance(model, str) or not model:
+            raise ValueError(f"model: expected the name of a pallet model, got {model!r:.60}")
+        if not isinstance(file, str):
+            raise ValueError(f"file: expected a text, got {file!r:.60}")
+        if isinstance(score, bool) or not isinstance(score, _REAL) or not 0 <= score <= 1:
+            raise ValueError(f"score: expected a number from 0 to 1, got {score!r:.60}")
         if problem := covariance_fault(self.covariance):
             raise ValueError(f"covariance: {problem}")
 

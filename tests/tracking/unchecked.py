@@ -8,6 +8,6 @@ from palletloc.measurement import PalletMeasurement
 def unchecked(sound: PalletMeasurement, **changes: Any) -> PalletMeasurement:
     """Return a measurement with parts that it would refuse."""
     made = object.__new__(PalletMeasurement)
-    for name in PalletMeasurement.__slots__:  # type: ignore[attr-defined]
+    for name in PalletMeasurement.__slots__:
         object.__setattr__(made, name, changes.get(name, getattr(sound, name)))
     return made

@@ -13,7 +13,7 @@ from palletloc.cli.help import FLAG, INPUT, MEASURING, RESULTS
 
 
 def within(low: float, high: float) -> Callable[[Any], Any]:
-    """Return the check of an option's numbers: what is not a number is in no range, unlike for ``min`` and ``max``."""
+    """Return the check of an option's numbers; unlike ``min`` and ``max`` it refuses what is not a number."""
 
     def checked(given: Any) -> Any:
         for number in given if isinstance(given, list | tuple) else [] if given is None else [given]:

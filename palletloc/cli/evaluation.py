@@ -41,6 +41,7 @@ from palletloc.evaluation.run import (
 from palletloc.evaluation.truth import RecordingTruth, read_recording_truth, survey_notes
 from palletloc.io.atomic import write_text
 from palletloc.io.recording import Recording
+from palletloc.survey.plan import split_columns
 
 BATCH = "batch.json"
 """Name of the file about all recordings of a batch."""
@@ -56,7 +57,13 @@ _QUANTITIES = (
 
 
 def evaluate_one(
-    recording: Path, estimate: Sequence[Path], out: Path, settings: Settings, *, with_pictures: bool
+    recording: Path,
+    estimate: Sequence[Path],
+    out: Path,
+    settings: Settings,
+    columns: str | None = None,
+    *,
+    with_pictures: bool,
 ) -> Shown:
     """Evaluate the runs over one recording, and write the results.
 
@@ -70,6 +77,8 @@ def evaluate_one(
         For the results; made if missing.
     settings : Settings
         What counts.
+    columns : str, optional
+        What the columns of a surveyed table are, with commas between them.
     with_pictures : bool
         Whether the report shows the images of the worst shots.
 
@@ -83,7 +92,7 @@ def evaluate_one(
     PalletLocError
         If a file is missing or wrong, or a run is given twice.
     """
-    truth = read_recording_truth(recording)
+    truth = read_recording_truth(recording, split_columns(columns))
     say_all(truth.recording.notes)
     evaluated = evaluate_recording(truth, _read_runs(estimate, truth.recording), settings)
     runs, compared = evaluated.runs, evaluated.compared

@@ -64,6 +64,18 @@ def test_every_help_has_examples_and_flags_without_a_type(
         assert re.search(r"--quiet\s+-q\s+Print", shown)
 
 
+@pytest.mark.parametrize("width", [40, 60, 80])
+def test_no_help_cuts_an_option(
+    width: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(width))
+    for words in LEAVES:
+        assert run([*words, "--help"], COMMANDS) == 0
+        shown = capsys.readouterr().out
+        assert "\N{HORIZONTAL ELLIPSIS}" not in shown, words
+        assert {"--help", "--json", "--quiet"} <= set(shown.split())
+
+
 @pytest.mark.parametrize("words", LEAVES, ids="-".join)
 def test_every_example_names_options_that_the_command_has(
     words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

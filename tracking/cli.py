@@ -63,6 +63,7 @@ def track(
     from palletloc.config import LocalizerConfig
     from palletloc.io.config_file import read_config
     from palletloc.io.recording import read_recording
+    from palletloc.mounting_yaw import seen_turn, turn_document, turn_lines
     from palletloc.recording_run import read_job
     from palletloc.report.overview_page import OVERVIEW
     from tracking.config import TrackerConfig, read_tracker_config
@@ -84,8 +85,10 @@ def track(
     run = _tracked(inputs, tracker, smooth=smooth)
     check_used(run)
     write_run(out, run, _picture(run, truth))
+    turn = seen_turn(inputs.measured, inputs.recording.odometry, inputs.recording.forklift_from_camera)
+    document = {**_document(inputs, run, out), **turn_document(turn)}
     pages = [f"look at {out / OVERVIEW}"] if measurements is None else []
-    return Shown(_document(inputs, run, out), (_table(run), _tally(inputs, run), f"results: {out}", *pages))
+    return Shown(document, (_table(run), _tally(inputs, run), f"results: {out}", *pages), turn_lines(turn))
 
 
 @shows

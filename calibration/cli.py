@@ -37,6 +37,7 @@ def extrinsics(
             help="Instead of FOLDER: a drive past targets, with targets.yaml.",
         ),
     ] = None,
+    columns: options.SurveyColumns = None,
 ) -> Shown:
     """Find the camera's pose on the forklift from surveyed targets; or check it by a drive past targets."""
     from calibration.motion.assessment import calibrate_motion  # numpy, cv2 and matplotlib take a second
@@ -44,11 +45,12 @@ def extrinsics(
     from calibration.mounting.assessment import calibrate_mounting
     from calibration.mounting.report import mounting_page
     from calibration.result_page import write_result
+    from palletloc.survey.plan import split_columns
 
     _expect(out, ".yaml", ".yml")
     with working("reading") as told:
         if folder is not None and motion is None:
-            page = mounting_page(calibrate_mounting(folder, told))
+            page = mounting_page(calibrate_mounting(folder, told, split_columns(columns)))
         elif motion is not None and folder is None:
             page = motion_page(calibrate_motion(motion, told))
         else:

@@ -43,6 +43,7 @@ from palletloc.evaluation.truth import RecordingTruth, read_recording_truth, sur
 from palletloc.io.atomic import write_text
 from palletloc.io.recording import Recording
 from palletloc.mounting_yaw import SeenTurn, seen_turn, turn_document, turn_lines
+from palletloc.survey.plan import split_columns
 
 BATCH = "batch.json"
 """Name of the file about all recordings of a batch."""
@@ -58,7 +59,13 @@ _QUANTITIES = (
 
 
 def evaluate_one(
-    recording: Path, estimate: Sequence[Path], out: Path, settings: Settings, *, with_pictures: bool
+    recording: Path,
+    estimate: Sequence[Path],
+    out: Path,
+    settings: Settings,
+    columns: str | None = None,
+    *,
+    with_pictures: bool,
 ) -> Shown:
     """Evaluate the runs over one recording, and write the results.
 
@@ -72,6 +79,8 @@ def evaluate_one(
         For the results; made if missing.
     settings : Settings
         What counts.
+    columns : str, optional
+        What the columns of a surveyed table are, with commas between them.
     with_pictures : bool
         Whether the report shows the images of the worst shots.
 
@@ -85,7 +94,7 @@ def evaluate_one(
     PalletLocError
         If a file is missing or wrong, or a run is given twice.
     """
-    truth = read_recording_truth(recording)
+    truth = read_recording_truth(recording, split_columns(columns))
     say_all(truth.recording.notes)
     evaluated = evaluate_recording(truth, _read_runs(estimate, truth.recording), settings)
     runs, compared = evaluated.runs, evaluated.compared

@@ -26,7 +26,7 @@ from palletloc.evaluation.batch import (
     pooled,
 )
 from palletloc.evaluation.metrics import METRICS, metrics_document, metrics_text
-from palletloc.evaluation.pose_error import COMPONENTS, EvaluationError, Visibility, offsets
+from palletloc.evaluation.pose_error import COMPONENTS, EvaluationError, Visibility, offsets, squared_errors
 from palletloc.evaluation.recording import evaluate_recording, write_results
 from palletloc.evaluation.requirement import Requirement, check_requirement
 from palletloc.evaluation.run import (
@@ -223,6 +223,11 @@ def _remarks(runs: Sequence[EvaluatedRun]) -> list[str]:
     if left_out:
         count = "1 shot has" if len(left_out) == 1 else f"{len(left_out)} shots have"
         remarks.append(f"left out: {count} no truth within the limit; {METRICS} lists the times")
+    for run in runs:
+        for name, source in run.sources.items():
+            if without := int(np.isnan(squared_errors(source.errors)).sum()):
+                rows = f"{without} of {len(source.errors)} poses"
+                remarks.append(f"{run.files.name}, {name}: {rows} state no usable covariance; NEES leaves them out")
     return remarks
 
 

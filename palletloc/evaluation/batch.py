@@ -13,7 +13,7 @@ import numpy as np
 
 from palletloc.errors import PalletLocError
 from palletloc.evaluation.metrics import METRICS, check_document
-from palletloc.evaluation.pose_error import COMPONENTS, EvaluationError, offsets
+from palletloc.evaluation.pose_error import COMPONENTS, EvaluationError, offsets, squared_errors
 from palletloc.evaluation.recording import ERRORS, EvaluatedRecording, evaluate_recording, write_results
 from palletloc.evaluation.requirement import Requirement, check_requirement
 from palletloc.evaluation.run import EvaluatedRun, Settings, read_run
@@ -145,7 +145,7 @@ def _totals(run: EvaluatedRun) -> list[SourceTotals]:
             run.files.name,
             name,
             offsets(source.errors),
-            np.array([error.nees_with_truth for error in source.errors]),
+            squared_errors(source.errors),
             source.detection.shots,
             source.detection.found.trials,
             source.detection.false,

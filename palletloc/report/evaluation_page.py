@@ -10,6 +10,7 @@ import numpy as np
 from palletloc.choices import TimeRule
 from palletloc.drawing.canvas import DEGREE, small_png
 from palletloc.evaluation.batch import BatchJob, BatchResult, evaluate_job
+from palletloc.evaluation.pose_error import squared_errors
 from palletloc.evaluation.recording import EvaluatedRecording
 from palletloc.evaluation.requirement import RequirementCheck, Verdict
 from palletloc.evaluation.run import EvaluatedRun, EvaluatedSource, Settings
@@ -139,7 +140,7 @@ def _verdict(label: str, source: EvaluatedSource) -> Iterator[str]:
     inside = check.together.proportion
     missing = f": {check.together.decision}" if check.together.decision else ""
     yield paragraph(f"{label[0].upper()}{label[1:]}: {_VERDICTS[check.together.verdict].lower()}{missing}.", "lead")
-    nees = chi_square_check([error.nees_with_truth for error in source.errors], 4)
+    nees = chi_square_check(squared_errors(source.errors), 4)
     share = f"{100 * inside.low:.1f} to {100 * inside.high:.1f} %"
     figures = [
         (inside.counted, f"errors inside; {share} at {100 * inside.confidence:g} %"),

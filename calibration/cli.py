@@ -169,8 +169,9 @@ def _shown(page: ResultPage, files: Sequence[Path]) -> Shown:
     """Return a result and what was written, with its exit code."""
     from calibration.result_page import json_values, reason_lines, terminal_parts
 
-    parts = (*terminal_parts(page), *(f"written: {path}" for path in files))
-    return Shown({**json_values(page), "written": files}, parts, reason_lines(page), page.exit_code)
+    parts = (*terminal_parts(page), page.verdict, *(f"written: {path}" for path in files))
+    document = {**json_values(page), "judgement": str(page.judgement), "verdict": page.verdict, "written": files}
+    return Shown(document, parts, reason_lines(page), page.exit_code)
 
 
 @shows

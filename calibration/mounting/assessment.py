@@ -26,6 +26,7 @@ from calibration.mounting.two_centres import (
 )
 from calibration.targets.observations import CornerObservation, TargetObservation, observe
 from palletloc.cameras.protocol import CameraModel
+from palletloc.io.camera_spec import is_panorama
 from palletloc.io.images import read_image
 from palletloc.io.schema import CameraSpec
 from palletloc.mounting import Mounting
@@ -129,7 +130,7 @@ def calibrate_mounting(folder: Path, on_progress: Callable[[str], None] = lambda
     size = (task.camera.width, task.camera.height)
     observations: list[TargetObservation] = []
     for shot in task.shots:
-        image = read_image(task.folder / shot, size, gray=True)
+        image = read_image(task.folder / shot, size, gray=True, panorama=is_panorama(task.camera))
         observations += observe(task.camera, image, shot, task.targets, on_progress)
     seen = {observation.target for observation in observations}
     names = tuple(name for name in task.targets if name in seen)

@@ -51,7 +51,12 @@ def evaluate(
         ),
     ] = MAX_RANGE,
     pair: Annotated[
-        TimeRule, typer.Option(rich_help_panel=INPUT, help="How the truth is taken for a shot's time.")
+        TimeRule,
+        typer.Option(
+            rich_help_panel=INPUT,
+            metavar="NAME",
+            help=f"How the truth is taken for a shot's time: {', '.join(TimeRule)}.",
+        ),
     ] = TimeRule.NEAREST,
     pair_limit: Annotated[
         float | None,

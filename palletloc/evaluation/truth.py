@@ -54,6 +54,8 @@ class RecordingTruth:
     """Of truth/survey.yaml; None without one."""
     agreement: tuple[SurveyAgreement, ...] = ()
     """Of survey and path, where there are both."""
+    notes: tuple[str, ...] = ()
+    """What was dropped or assumed when the path's file was read."""
 
     @property
     def widths(self) -> Mapping[str, float]:
@@ -86,15 +88,16 @@ def read_recording_truth(folder: str | Path) -> RecordingTruth:
     surveyed = read_surveyed_truth(folder) if (place / _SURVEY).exists() else None
     if surveyed is not None and path_file(folder) is None:
         pallets, path = read_pallets(place / "pallets.csv"), None
+        notes: tuple[str, ...] = ()
     else:
-        truth = read_truth(folder)
-        pallets, path = truth.pallets, truth.forklift
+        truth = read_truth(folder, recording.truth_form)
+        pallets, path, notes = truth.pallets, truth.forklift, truth.notes
     _check_models(place, pallets, recording)
     if surveyed is None:
-        return RecordingTruth(recording, pallets, path, None)
+        return RecordingTruth(recording, pallets, path, None, notes=notes)
     _check_surveyed(place, pallets, surveyed, recording)
     agreement = () if path is None else _agreement(place, pallets, path, surveyed)
-    return RecordingTruth(recording, pallets, path, surveyed, agreement)
+    return RecordingTruth(recording, pallets, path, surveyed, agreement, notes)
 
 
 def continuous_poses(

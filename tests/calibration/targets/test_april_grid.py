@@ -24,7 +24,7 @@ def test_it_is_printed_as_kalibr_does() -> None:
         top, left = picture.shape[0] - gap - up * pitch - side, gap + across * pitch
         picture[top : top + side, left : left + side] = np.kron(tag, np.ones((module, module)))
     pattern = patterns(AprilGrid(columns, rows, 0.06, 0.3))[0]
-    x, y = ((np.arange(count) + 0.5) * 1e-3 for count in picture.shape[::-1])
+    x, y = (np.linspace(0.5e-3, (count - 0.5) * 1e-3, count) for count in picture.shape[::-1])
     np.testing.assert_allclose(1 - coverage(pattern, x, y, 1e-3), picture, atol=1e-9)
     assert pattern.width == pytest.approx(picture.shape[1] * 1e-3)
 

@@ -36,6 +36,7 @@ def extrinsics(
             help="Instead of FOLDER: a drive past targets, with targets.yaml.",
         ),
     ] = None,
+    columns: options.SurveyColumns = None,
 ) -> Shown:
     """Find the camera's pose on the forklift from surveyed targets; or check it by a drive past targets."""
     from calibration.motion.assessment import calibrate_motion  # numpy, cv2 and matplotlib take a second
@@ -43,11 +44,12 @@ def extrinsics(
     from calibration.mounting.assessment import calibrate_mounting
     from calibration.mounting.report import mounting_page
     from calibration.result_page import write_result
+    from palletloc.survey.plan import split_columns
 
     _expect(out, ".yaml", ".yml")
     with working("reading") as told:
         if folder is not None and motion is None:
-            page = mounting_page(calibrate_mounting(folder, told))
+            page = mounting_page(calibrate_mounting(folder, told, split_columns(columns)))
         elif motion is not None and folder is None:
             page = motion_page(calibrate_motion(motion, told))
         else:
@@ -169,8 +171,9 @@ def _shown(page: ResultPage, files: Sequence[Path]) -> Shown:
     """Return a result and what was written, with its exit code."""
     from calibration.result_page import json_values, reason_lines, terminal_parts
 
-    parts = (*terminal_parts(page), *(f"written: {path}" for path in files))
-    return Shown({**json_values(page), "written": files}, parts, reason_lines(page), page.exit_code)
+    parts = (*terminal_parts(page), page.verdict, *(f"written: {path}" for path in files))
+    document = {**json_values(page), "judgement": str(page.judgement), "verdict": page.verdict, "written": files}
+    return Shown(document, parts, reason_lines(page), page.exit_code)
 
 
 @shows

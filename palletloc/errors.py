@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Iterable
+
+_MOST_DIGITS = 17
+"""How many digits tell any two numbers apart (IEEE 754, double)."""
 
 
 class PalletLocError(Exception):
@@ -35,3 +39,27 @@ def nearest_name(name: str, known: Iterable[str]) -> str:
     if close:
         return f"; did you mean '{close[0]}'?"
     return f"; known are {', '.join(names)}" if names else ""
+
+
+def seconds(*times: float) -> tuple[str, ...]:
+    """Return times as messages show them: in six digits, large ones to the millisecond, or so that they differ.
+
+    Parameters
+    ----------
+    *times : float
+        In seconds.
+
+    Examples
+    --------
+    >>> seconds(0.25, 3.0)
+    ('0.25', '3')
+    >>> seconds(1700000000.1, 1700000000.2)
+    ('1700000000.1', '1700000000.2')
+    """
+    whole = max((len(f"{abs(time):.0f}") for time in times if math.isfinite(time)), default=0)
+    least = 6 if whole <= 6 else whole + 3
+    for digits in range(min(least, _MOST_DIGITS), _MOST_DIGITS + 1):
+        texts = tuple(f"{time:.{digits}g}" for time in times)
+        if len(set(texts)) == len(set(times)):
+            break
+    return texts

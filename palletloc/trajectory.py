@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from palletloc.errors import PalletLocError
+from palletloc.errors import PalletLocError, seconds
 from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 
 
@@ -99,9 +99,11 @@ class Trajectory:
         start, end = self.span
         reach = self.margin * (1 + 1e-6)
         if not start - reach <= time <= end + reach:
+            now, first, after_all = seconds(time, start, end)
+            off = f"{start - time:.6g} s before" if time < start else f"{time - end:.6g} s after"
             raise TrajectoryError(
-                f"no pose at {time:.6g} s: expected a time between {start:.6g} s and {end:.6g} s"
-                f" (at most {self.margin:.3g} s outside)"
+                f"no pose at {now} s: expected a time between {first} s and {after_all} s"
+                f" (at most {self.margin:.3g} s outside), and it is {off}"
             )
         last = self.times.size - 1
         after = min(max(int(np.searchsorted(self.times, time, side="right")), 1), last)

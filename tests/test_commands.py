@@ -1,7 +1,10 @@
 """Every command, found by walking the program: help with examples, one JSON document, and silence."""
 
 import json
+import os
 import re
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -59,6 +62,18 @@ def test_every_help_has_examples_and_flags_without_a_type(
     if words in LEAVES:
         assert re.search(r"--json\s+Print", shown)
         assert re.search(r"--quiet\s+-q\s+Print", shown)
+
+
+@pytest.mark.parametrize("width", [40, 60, 80])
+def test_no_help_cuts_an_option(
+    width: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(width))
+    for words in LEAVES:
+        assert run([*words, "--help"], COMMANDS) == 0
+        shown = capsys.readouterr().out
+        assert "\N{HORIZONTAL ELLIPSIS}" not in shown, words
+        assert {"--help", "--json", "--quiet"} <= set(shown.split())
 
 
 @pytest.mark.parametrize("words", LEAVES, ids="-".join)
@@ -241,3 +256,13 @@ def test_the_shell_completes_commands_and_options(
     monkeypatch.setenv("COMP_CWORD", str(len(typed.split()) - 1))
     run([], COMMANDS)
     assert set(capsys.readouterr().out.split()) == expected
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
+def test_a_terminal_that_cannot_show_a_sign_stops_nothing(encoding: str) -> None:
+    command = [sys.executable, "-m", "palletloc", "pallets", "epal1-800"]
+    root = Path(__file__).resolve().parents[1]
+    environment = {**os.environ, "PYTHONIOENCODING": encoding}
+    ended = subprocess.run(command, capture_output=True, check=True, cwd=root, env=environment)
+    assert b"epal1-800" in ended.stdout
+    assert ended.stderr == b""

@@ -63,7 +63,9 @@ def track(
     from palletloc.config import LocalizerConfig
     from palletloc.io.config_file import read_config
     from palletloc.io.recording import read_recording
+    from palletloc.mounting_yaw import seen_turn, turn_document, turn_lines
     from palletloc.recording_run import read_job
+    from palletloc.report.overview_page import OVERVIEW
     from tracking.config import TrackerConfig, read_tracker_config
     from tracking.recording import check_used, read_measured, write_run
 
@@ -83,7 +85,10 @@ def track(
     run = _tracked(inputs, tracker, smooth=smooth)
     check_used(run)
     write_run(out, run, _picture(run, truth))
-    return Shown(_document(inputs, run, out), (_table(run), _tally(inputs, run), f"results: {out}"))
+    turn = seen_turn(inputs.measured, inputs.recording.odometry, inputs.recording.forklift_from_camera)
+    document = {**_document(inputs, run, out), **turn_document(turn)}
+    pages = [f"look at {out / OVERVIEW}"] if measurements is None else []
+    return Shown(document, (_table(run), _tally(inputs, run), f"results: {out}", *pages), turn_lines(turn))
 
 
 @shows
@@ -144,7 +149,7 @@ def _truth_of(recording: Recording) -> Truth | None:
     """Return the truth for the picture, where it has a path; its faults are found before the work begins."""
     from palletloc.io.truth import path_file, read_truth
 
-    return read_truth(recording.folder) if path_file(recording.folder) else None
+    return read_truth(recording.folder, recording.truth_form) if path_file(recording.folder) else None
 
 
 def _localized(job: Job, out: Path, how: tuple[bool, bool, bool], config: Path | None) -> Inputs:

@@ -79,7 +79,7 @@ def _track(job: Job, out: Path) -> TrackedRecording:
 
     measured = read_measured(out / MEASUREMENTS, job.recording)
     run = track_recording(job.recording, measured, smooth=True)
-    deviations = track_deviations(run, read_truth(job.recording.folder))
+    deviations = track_deviations(run, read_truth(job.recording.folder, job.recording.truth_form))
     write_run(out, run, png(track_figure(deviations, "the sample")))
     return run
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from palletloc.errors import PalletLocError, nearest_name
+from palletloc.errors import PalletLocError, nearest_name, seconds
 from palletloc.geometry import LevelPose, level_pose
 from palletloc.io.atomic import write_bytes
 from palletloc.io.measurements import NoPose, read_measurements
@@ -90,7 +90,8 @@ def read_measured(path: Path, recording: Recording) -> tuple[PalletMeasurement, 
         after = bisect(times, row.time)
         nearest = min(times[max(after - 1, 0) : after + 1], key=lambda time: abs(time - row.time))
         if abs(nearest - row.time) > TIME_TOLERANCE:
-            said = f"no shot at {row.time:.6g} s; the nearest is at {nearest:.6g} s"
+            at, there = seconds(row.time, nearest)
+            said = f"no shot at {at} s; the nearest is at {there} s"
             raise UnknownShotError(f"{path}: {said}; expected measurements of {recording.folder}")
         if not isinstance(row, NoPose):
             measured.append(replace(row, time=nearest))

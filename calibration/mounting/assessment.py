@@ -26,6 +26,7 @@ from calibration.mounting.two_centres import (
 )
 from calibration.targets.observations import CornerObservation, TargetObservation, observe
 from palletloc.cameras.protocol import CameraModel
+from palletloc.io.camera_spec import is_panorama
 from palletloc.io.images import read_image
 from palletloc.io.schema import CameraSpec
 from palletloc.mounting import Mounting
@@ -103,7 +104,9 @@ class MountingResult:
         return None if solution is None or self.assessment.exit_code != PASS else solution.mounting
 
 
-def calibrate_mounting(folder: Path, on_progress: Callable[[str], None] = lambda _: None) -> MountingResult:
+def calibrate_mounting(
+    folder: Path, on_progress: Callable[[str], None] = lambda _: None, columns: Sequence[str] | None = None
+) -> MountingResult:
     """Find the camera's pose on the forklift from surveyed targets.
 
     Parameters
@@ -112,6 +115,8 @@ def calibrate_mounting(folder: Path, on_progress: Callable[[str], None] = lambda
         With extrinsics.yaml and its shots.
     on_progress : callable
         Is told what is done next.
+    columns : sequence of str, optional
+        What the columns of a surveyed table are, from the left; in place of what extrinsics.yaml says.
 
     Returns
     -------
@@ -123,13 +128,13 @@ def calibrate_mounting(folder: Path, on_progress: Callable[[str], None] = lambda
     PalletLocError
         If a file is missing or wrong, or a target is there twice.
     """
-    task = read_mounting_task(folder)
+    task = read_mounting_task(folder, columns)
     if task.frame is not None and task.frame.pose is None:
         return MountingResult(MountingAssessment(task.frame.findings), task.camera_spec, frame=task.frame)
     size = (task.camera.width, task.camera.height)
     observations: list[TargetObservation] = []
     for shot in task.shots:
-        image = read_image(task.folder / shot, size, gray=True)
+        image = read_image(task.folder / shot, size, gray=True, panorama=is_panorama(task.camera))
         observations += observe(task.camera, image, shot, task.targets, on_progress)
     seen = {observation.target for observation in observations}
     names = tuple(name for name in task.targets if name in seen)

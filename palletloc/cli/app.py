@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from io import TextIOWrapper
 from types import ModuleType
 from typing import TYPE_CHECKING, Annotated
 
@@ -137,6 +138,9 @@ def run(arguments: Sequence[str], commands: Sequence[Command] = COMMANDS) -> int
         Exit code: 0 on success, 1 on bad input (one line on standard error says what, where, and what was
         expected), 2 on wrong usage, 130 when interrupted.
     """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal that cannot show a sign shows another one
     if _COMPLETING not in os.environ and (not arguments or any(option in arguments for option in _HELP_OPTIONS)):
         _import_help()
     try:

@@ -31,6 +31,7 @@ from palletloc.evaluation.recording import evaluate_recording, write_results
 from palletloc.evaluation.requirement import Requirement, check_requirement
 from palletloc.evaluation.run import (
     INTERPOLATED_LIMIT,
+    SHOTS_SOURCE,
     ComparedRuns,
     EvaluatedRun,
     EvaluatedSource,
@@ -41,6 +42,8 @@ from palletloc.evaluation.run import (
 from palletloc.evaluation.truth import RecordingTruth, read_recording_truth, survey_notes
 from palletloc.io.atomic import write_text
 from palletloc.io.recording import Recording
+from palletloc.mounting_yaw import SeenTurn, seen_turn, turn_document, turn_lines
+from palletloc.survey.plan import split_columns
 
 BATCH = "batch.json"
 """Name of the file about all recordings of a batch."""
@@ -56,7 +59,13 @@ _QUANTITIES = (
 
 
 def evaluate_one(
-    recording: Path, estimate: Sequence[Path], out: Path, settings: Settings, *, with_pictures: bool
+    recording: Path,
+    estimate: Sequence[Path],
+    out: Path,
+    settings: Settings,
+    columns: str | None = None,
+    *,
+    with_pictures: bool,
 ) -> Shown:
     """Evaluate the runs over one recording, and write the results.
 
@@ -70,6 +79,8 @@ def evaluate_one(
         For the results; made if missing.
     settings : Settings
         What counts.
+    columns : str, optional
+        What the columns of a surveyed table are, with commas between them.
     with_pictures : bool
         Whether the report shows the images of the worst shots.
 
@@ -83,7 +94,7 @@ def evaluate_one(
     PalletLocError
         If a file is missing or wrong, or a run is given twice.
     """
-    truth = read_recording_truth(recording)
+    truth = read_recording_truth(recording, split_columns(columns))
     say_all(truth.recording.notes)
     evaluated = evaluate_recording(truth, _read_runs(estimate, truth.recording), settings)
     runs, compared = evaluated.runs, evaluated.compared
@@ -92,10 +103,20 @@ def evaluate_one(
 
         page = evaluation_page(evaluated, with_pictures=with_pictures)
     write_results(evaluated, out, {REPORT: page})
-    document = metrics_document(truth, runs, settings, compared)
+    document = dict(metrics_document(truth, runs, settings, compared))
     tables = (_table(runs), *((_compared(compared),) if compared else ()))
     parts = (*tables, *_remarks(runs), *_notes(truth, settings), f"look at {out / REPORT}")
-    return Shown({"out": out, "report": out / REPORT, **document}, parts)
+    turns = {run.files.name: _seen_turn(run, truth.recording) for run in runs}
+    lines = [
+        f"{name}: {line}" if len(runs) > 1 else line for name, turn in turns.items() for line in turn_lines(turn)
+    ]
+    document["mounting"] = {name: turn_document(turn) for name, turn in turns.items()}
+    return Shown({"out": out, "report": out / REPORT, **document}, parts, tuple(lines))
+
+
+def _seen_turn(run: EvaluatedRun, recording: Recording) -> SeenTurn | None:
+    """Return by how much a run saw everything turned, by its shots and the odometry."""
+    return seen_turn(run.files.sources[SHOTS_SOURCE], recording.odometry, recording.forklift_from_camera)
 
 
 def settings_of(
@@ -183,20 +204,26 @@ def _compared(compared: Sequence[ComparedRuns]) -> Table:
 
 
 def _notes(truth: RecordingTruth, settings: Settings) -> list[str]:
-    """Return the first notes about the survey."""
+    """Return the notes about the files, and the first about the survey."""
     notes = list(survey_notes(truth, settings.stop_limit))
     more = len(notes) - _NOTES
     rest = [f"survey: {more} more notes; {METRICS} lists all"] if more > 0 else []
-    return [*(f"survey: {note}" for note in notes[:_NOTES]), *rest]
+    return [*truth.notes, *(f"survey: {note}" for note in notes[:_NOTES]), *rest]
 
 
 def _remarks(runs: Sequence[EvaluatedRun]) -> list[str]:
     """Say what the table does not."""
+    remarks = [
+        f"{run.files.name}, {name}, together: undecided: {source.requirement.together.decision}"
+        for run in runs
+        for name, source in run.sources.items()
+        if source.requirement.together.decision
+    ]
     left_out = runs[0].without_truth
-    if not left_out:
-        return []
-    count = "1 shot has" if len(left_out) == 1 else f"{len(left_out)} shots have"
-    return [f"left out: {count} no truth within the limit; {METRICS} lists the times"]
+    if left_out:
+        count = "1 shot has" if len(left_out) == 1 else f"{len(left_out)} shots have"
+        remarks.append(f"left out: {count} no truth within the limit; {METRICS} lists the times")
+    return remarks
 
 
 class BatchWork(NamedTuple):

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import shutil
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 from typer.core import TyperCommand, TyperGroup
@@ -11,6 +14,8 @@ INPUT, RESULTS, MEASURING, REQUIREMENT, MANY = "Input", "Results", "Measuring", 
 """Panels of options, by what they are about."""
 SCENE, SENSOR, BOARD, TAGS = "Scene", "Sensor", "Board", "Tags on the uprights"
 """Panels of what is drawn, printed or looked for."""
+LEAST_WIDTH = 70
+"""Width in which the help of every command has room for its options, in characters."""
 FLAG = ""
 """How the type of an option without a value is shown: not at all."""
 
@@ -18,6 +23,20 @@ FLAG = ""
 def examples(lines: Sequence[str]) -> str:
     """Return command lines as help lists them, each with a comment if it has one."""
     return "\n".join(["Examples:", *(f"  {line}" for line in lines)])
+
+
+@contextmanager
+def _wide_enough() -> Iterator[None]:
+    """Let typer write for a terminal in which no option is cut; a narrower one wraps the lines."""
+    rich_utils = sys.modules.get("typer.rich_utils")  # the frame imports it where help is asked for
+    usual = getattr(rich_utils, "MAX_WIDTH", None)
+    if rich_utils is not None and shutil.get_terminal_size().columns < LEAST_WIDTH:
+        vars(rich_utils)["MAX_WIDTH"] = LEAST_WIDTH
+    try:
+        yield
+    finally:
+        if rich_utils is not None:
+            vars(rich_utils)["MAX_WIDTH"] = usual
 
 
 class _Plain:
@@ -36,10 +55,9 @@ class _Plain:
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Write the help, and the examples line by line at its end."""
         shown, self.epilog = self.epilog, None
-        try:
+        with _wide_enough():
             super().format_help(ctx, formatter)  # type: ignore[misc]
-        finally:
-            self.epilog = shown
+        self.epilog = shown
         if shown:
             formatter.write("\n".join(f" {line}" for line in shown.splitlines()) + "\n")
 

@@ -186,7 +186,7 @@ def _poses(found: Sequence[PalletMeasurement], job: Job) -> list[str | Table]:
     table = new_table(["shot", "model"], POSE_HEADINGS, title="poses in the forklift's frame")
     before = None
     for row in found[:_MOST_ROWS]:
-        shot = "" if row.time == before else f"{numbers[row.time]} {Path(row.file).name}"
+        shot = "" if row.time == before else f"{numbers.get(row.time, '')} {Path(row.file).name}"
         table.add_row(Text(shot), Text(row.model), *pose_cells(row.forklift_from_pallet, row.covariance))
         before = row.time
     more = len(found) - _MOST_ROWS

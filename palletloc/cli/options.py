@@ -17,6 +17,15 @@ OutFolder = Annotated[
     typer.Option("--out", metavar="DIR", rich_help_panel=RESULTS, help="Folder for the results; made if missing."),
 ]
 """Where a command writes."""
+SurveyColumns = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAMES",
+        rich_help_panel=INPUT,
+        help="What the columns of a surveyed table without header are, from the left: P,E,N,H and the like.",
+    ),
+]
+"""What a table of surveyed points does not say."""
 Starts = Annotated[
     Path | None,
     typer.Option(metavar="CSV", rich_help_panel=INPUT, help="Start from these poses instead of detecting pallets."),

@@ -33,13 +33,23 @@ def simulate(
     ] = 1920,
     model: Annotated[
         list[str] | None,
-        typer.Option(rich_help_panel=SCENE, help="Pallet model in the rack; may be repeated (epal1-1200 if none)."),
+        typer.Option(
+            rich_help_panel=SCENE,
+            metavar="NAME",
+            help="Pallet model in the rack; may be repeated (epal1-1200 if none).",
+        ),
     ] = None,
-    side: Annotated[Side, typer.Option(rich_help_panel=SCENE, help="Side of the shelf.")] = Side.LEFT,
+    side: Annotated[
+        Side, typer.Option(rich_help_panel=SCENE, metavar="NAME", help=f"Side of the shelf: {', '.join(Side)}.")
+    ] = Side.LEFT,
     camera: Annotated[
-        CameraKind, typer.Option(rich_help_panel=SENSOR, help="Kind of camera.")
+        CameraKind,
+        typer.Option(rich_help_panel=SENSOR, metavar="NAME", help=f"Kind of camera: {', '.join(CameraKind)}."),
     ] = CameraKind.EQUIRECTANGULAR,
-    light: Annotated[Illumination, typer.Option(rich_help_panel=SCENE, help="Kind of light.")] = Illumination.EVEN,
+    light: Annotated[
+        Illumination,
+        typer.Option(rich_help_panel=SCENE, metavar="NAME", help=f"Kind of light: {', '.join(Illumination)}."),
+    ] = Illumination.EVEN,
     level: Annotated[
         list[float] | None,
         typer.Option(

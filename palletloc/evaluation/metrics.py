@@ -217,7 +217,7 @@ def check_document(check: RequirementCheck) -> Document:
         "verdict": str(check.together.verdict),
         "missed_counted": check.missed,
         **{
-            name: {"verdict": str(part.verdict), "inside": _proportion(part.proportion)}
+            name: {"verdict": str(part.verdict), "inside": _proportion(part.proportion), "needed": part.needed}
             for name in ("together", *COMPONENTS)
             for part in [getattr(check, name)]
         },

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from palletloc.choices import NEAREST_LIMIT, TimeRule
+from palletloc.errors import seconds
 from palletloc.evaluation.breakdown import StopAccuracy, by_stop, stop_accuracy
 from palletloc.evaluation.comparison import RunComparison, compare_runs
 from palletloc.evaluation.pose_error import (
@@ -119,8 +120,9 @@ def _check_times(path: Path, estimates: Sequence[PalletEstimate], recording: Rec
     for estimate in estimates:
         nearest = float(shots[np.abs(shots - estimate.time).argmin()])
         if abs(nearest - estimate.time) > SAME_TIME:
+            at, there = seconds(estimate.time, nearest)
             raise EvaluationError(
-                f"{path}: the pose at {estimate.time:.6g} s is of no shot; the nearest is at {nearest:.6g} s;"
+                f"{path}: the pose at {at} s is of no shot; the nearest is at {there} s;"
                 " is it a run over this recording?"
             )
 

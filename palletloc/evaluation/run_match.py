@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from palletloc.choices import NEAREST_LIMIT, TimeRule
+from palletloc.errors import seconds
 from palletloc.evaluation.pose_error import (
     EvaluationError,
     PalletEstimate,
@@ -196,9 +197,8 @@ def by_shot(times: Sequence[float], estimates: Iterable[PalletEstimate]) -> list
     for estimate in estimates:
         nearest = int(np.abs(moments - estimate.time).argmin())
         if abs(times[nearest] - estimate.time) > SAME_TIME:
-            raise EvaluationError(
-                f"a measurement at {estimate.time:.6g} s is of no shot; the nearest is {times[nearest]:.6g} s"
-            )
+            at, there = seconds(estimate.time, times[nearest])
+            raise EvaluationError(f"a measurement at {at} s is of no shot; the nearest is {there} s")
         shots[nearest].append(estimate)
     return shots
 

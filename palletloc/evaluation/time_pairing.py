@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from palletloc.errors import seconds
 from palletloc.evaluation.pose_error import EvaluationError
 from palletloc.geometry import FloatArray
 
@@ -62,11 +63,15 @@ def require_overlap(first: FloatArray, second: FloatArray, names: tuple[str, str
             raise EvaluationError(f"{name}: no times; expected at least one")
     begin, end = float(max(np.min(first), np.min(second))), float(min(np.max(first), np.max(second)))
     if begin - end > slack:
+        ends = seconds(*(float(end(times)) for times in (first, second) for end in (np.min, np.max)))
         spans = (
-            f"{name} from {np.min(times):.6g} s to {np.max(times):.6g} s"
-            for times, name in zip((first, second), names, strict=True)
+            f"{name} from {start} s to {stop} s"
+            for name, start, stop in zip(names, ends[::2], ends[1::2], strict=True)
         )
-        raise EvaluationError(f"{', '.join(spans)}: expected times that overlap; are they of one clock?")
+        raise EvaluationError(
+            f"{', '.join(spans)}: expected times that overlap; are they of one clock?"
+            f" They are {begin - end:.9g} s apart"
+        )
 
 
 def nearest_pairs(first: FloatArray, second: FloatArray, limit: float) -> TimePairs:

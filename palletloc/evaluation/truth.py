@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -54,6 +54,8 @@ class RecordingTruth:
     """Of truth/survey.yaml; None without one."""
     agreement: tuple[SurveyAgreement, ...] = ()
     """Of survey and path, where there are both."""
+    notes: tuple[str, ...] = ()
+    """What was dropped or assumed when the path's file was read."""
 
     @property
     def widths(self) -> Mapping[str, float]:
@@ -61,7 +63,7 @@ class RecordingTruth:
         return {model.name: model.width for model in self.recording.models}
 
 
-def read_recording_truth(folder: str | Path) -> RecordingTruth:
+def read_recording_truth(folder: str | Path, columns: Sequence[str] | None = None) -> RecordingTruth:
     """Read a recording with its truth.
 
     Parameters
@@ -69,6 +71,8 @@ def read_recording_truth(folder: str | Path) -> RecordingTruth:
     folder : str or Path
         The recording, with a folder ``truth`` that holds pallets.csv, and forklift.csv (or forklift.tum), or
         survey.yaml, or both.
+    columns : sequence of str, optional
+        What the columns of a surveyed table are, from the left.
 
     Returns
     -------
@@ -83,18 +87,19 @@ def read_recording_truth(folder: str | Path) -> RecordingTruth:
     folder = Path(folder)
     recording = read_recording(folder)
     place = folder / "truth"
-    surveyed = read_surveyed_truth(folder) if (place / _SURVEY).exists() else None
+    surveyed = read_surveyed_truth(folder, columns) if (place / _SURVEY).exists() else None
     if surveyed is not None and path_file(folder) is None:
         pallets, path = read_pallets(place / "pallets.csv"), None
+        notes: tuple[str, ...] = ()
     else:
-        truth = read_truth(folder)
-        pallets, path = truth.pallets, truth.forklift
+        truth = read_truth(folder, recording.truth_form)
+        pallets, path, notes = truth.pallets, truth.forklift, truth.notes
     _check_models(place, pallets, recording)
     if surveyed is None:
-        return RecordingTruth(recording, pallets, path, None)
+        return RecordingTruth(recording, pallets, path, None, notes=notes)
     _check_surveyed(place, pallets, surveyed, recording)
     agreement = () if path is None else _agreement(place, pallets, path, surveyed)
-    return RecordingTruth(recording, pallets, path, surveyed, agreement)
+    return RecordingTruth(recording, pallets, path, surveyed, agreement, notes)
 
 
 def continuous_poses(

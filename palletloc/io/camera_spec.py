@@ -182,6 +182,11 @@ def spec_from_camera(camera: CameraModel) -> CameraSpec:
     raise ValueError(f"a camera of the kind {type(camera).__name__} has no form in files")
 
 
+def is_panorama(camera: CameraModel) -> bool:
+    """Return whether a camera's images are stitched to a whole equirectangular panorama."""
+    return isinstance(camera, Equirectangular | StitchedEquirectangular)
+
+
 def _transform(lens: LensSpec | StitchedLensSpec) -> RigidTransform:
     return transform_from_angles(lens.translation_m, lens.roll_pitch_yaw_deg)
 
@@ -200,8 +205,12 @@ def transform_from_angles(translation_m: Triple, roll_pitch_yaw_deg: Triple) -> 
     >>> camera_up.apply([1.0, 0.0, 0.0]).round(6)
     array([0. , 0. , 2.8])
     """
-    rotation = Rotation.from_euler("ZYX", roll_pitch_yaw_deg[::-1], degrees=True)
-    return RigidTransform.from_components(translation_m, rotation)
+    return RigidTransform.from_components(translation_m, rotation_from_angles(roll_pitch_yaw_deg))
+
+
+def rotation_from_angles(roll_pitch_yaw_deg: Triple) -> Rotation:
+    """Return R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    return Rotation.from_euler("ZYX", roll_pitch_yaw_deg[::-1], degrees=True)
 
 
 def angles_from_transform(transform: RigidTransform) -> tuple[Triple, Triple]:

@@ -82,7 +82,7 @@ def shortened(value: object) -> str:
     return shown if len(shown) <= 60 else f"{shown[:56]} ..."
 
 
-def read_rows(path: Path, columns: Sequence[str]) -> Iterator[Row]:
+def read_rows(path: Path, columns: Sequence[str], optional: Sequence[str] = ()) -> Iterator[Row]:
     """Read a csv file with a header, row by row.
 
     A byte-order mark, any line ending, any order of the columns, blanks around cells and empty
@@ -94,6 +94,8 @@ def read_rows(path: Path, columns: Sequence[str]) -> Iterator[Row]:
         The file.
     columns : sequence of str
         The columns that it must have, all of them and no others.
+    optional : sequence of str
+        Others that it may have.
 
     Yields
     ------
@@ -109,7 +111,7 @@ def read_rows(path: Path, columns: Sequence[str]) -> Iterator[Row]:
     """
     lines = _split(path)
     _, header = next(lines, (1, []))
-    _check_header(path, header, columns)
+    _check_header(path, header, columns, optional)
     empty_line = 0
     for line, cells in lines:
         if not any(cells):
@@ -137,15 +139,16 @@ def _split(path: Path) -> Iterator[tuple[int, list[str]]]:
         line = reader.line_num + 1
 
 
-def _check_header(path: Path, header: Sequence[str], columns: Sequence[str]) -> None:
+def _check_header(path: Path, header: Sequence[str], columns: Sequence[str], optional: Sequence[str]) -> None:
     where, expected = f"{path}, line 1", f"expected {','.join(columns)}"
     if not any(header):
         raise TableError(f"{where}: no header; {expected}")
     if len(header) == 1 and len(columns) > 1 and any(mark in header[0] for mark in ";\t"):
         raise TableError(f"{where}: the cells are not separated by commas; {expected}")
     for position, column in enumerate(header):
-        if column not in columns:
-            raise TableError(f"{where}: unknown column {shortened(column)}{nearest_name(column, columns)}")
+        if column not in columns and column not in optional:
+            hint = nearest_name(column, [name for name in (*columns, *optional) if name])
+            raise TableError(f"{where}: unknown column {shortened(column)}{hint}")
         if column in header[:position]:
             raise TableError(f"{where}: column '{column}' stands there twice")
     for column in columns:
@@ -153,8 +156,8 @@ def _check_header(path: Path, header: Sequence[str], columns: Sequence[str]) -> 
             raise TableError(f"{where}: column '{column}' is missing; {expected}")
 
 
-def in_order_of_time(rows: Iterable[Row], column: str = "time_s") -> Iterator[Row]:
-    """Pass rows on as long as their times strictly increase.
+def in_order_of_time(rows: Iterable[Row], column: str = "time_s", notes: list[str] | None = None) -> Iterator[Row]:
+    """Pass rows on as long as their times strictly increase; a row that is the one before again is dropped.
 
     Parameters
     ----------
@@ -162,16 +165,22 @@ def in_order_of_time(rows: Iterable[Row], column: str = "time_s") -> Iterator[Ro
         The rows in the file's order.
     column : str
         The column of the times.
+    notes : list of str, optional
+        Takes a line for each row that is dropped.
 
     Raises
     ------
     TableError
-        If a row's time repeats or precedes that of the row before; names both lines.
+        If a row's time precedes that of the row before, or repeats it with other values; names both lines.
     """
     previous: Row | None = None
     for row in rows:
         time = row.number(column)
         if previous is not None and time <= previous.number(column):
+            if row.cells == previous.cells:
+                if notes is not None:
+                    notes.append(f"{row.path}, line {row.line}: is line {previous.line} again; dropped")
+                continue
             how = "repeats" if time == previous.number(column) else "is earlier than"
             raise row.fault(
                 f"{column}: {row.cells[column]} {how} {previous.cells[column]} of line {previous.line};"

@@ -2,125 +2,64 @@
 
 from __future__ import annotations
 
+import os
 import re
-import zlib
-from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
+from threading import Lock
 
 import cv2
 import numpy as np
 
 from palletloc.geometry import Image
 from palletloc.io.atomic import write_bytes
+from palletloc.io.image_headers import foreign_kind, read_header
+from palletloc.io.panorama import panorama_fault
 from palletloc.io.reading import InputError, read_bytes
 
 MAX_SIDE_PX = 16_384
 """Longest side that is decoded; ``cv2.remap`` itself ends at 32 767."""
 _MAX_PIXELS = 1 << 27
 """Most pixels that are decoded: 16 384 x 8192, 400 MB in colour."""
-_JPEG, _PNG = b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n"
-"""What files begin with: JPEG's start of image and the next marker; PNG's signature (ISO/IEC 15948, 5.2)."""
-_END_OF_IMAGE = 0xD9
-"""JPEG's last marker (ITU-T T.81, table B.1)."""
-_JPEG_MARKER = re.compile(rb"\xff([^\x00\xff\xd0-\xd7])", re.DOTALL)
-"""A marker is ff and a code; 00 (a stuffed data byte), ff (fill) and d0-d7 (restarts) stand inside a scan."""
-_JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
-"""Frame headers c0-cf, without the tables c4, c8 and cc that lie between them (the same table)."""
-
-
-class ImageHeader(NamedTuple):
-    """Size and state of an image file."""
-
-    width: int
-    """In pixels."""
-    height: int
-    """In pixels."""
-    complete: bool
-    """Whether the file reaches its own end."""
-
-
-def read_header(content: bytes) -> ImageHeader | None:
-    """Return what a JPEG or PNG file states about itself.
-
-    Parameters
-    ----------
-    content : bytes
-        The whole file.
-
-    Returns
-    -------
-    ImageHeader or None
-        None where it is neither, or where it ends before its size is stated.
-    """
-    if content.startswith(_JPEG):
-        return _read_jpeg(content)
-    if content.startswith(_PNG):
-        return _read_png(content)
-    return None
-
-
-def _read_jpeg(content: bytes) -> ImageHeader | None:
-    size: tuple[int, int] | None = None
-    for marker, payload in _jpeg_segments(content):
-        if marker in _JPEG_FRAMES and size is None and len(payload) >= 5:
-            # One byte of sample precision, then height and width.
-            size = int.from_bytes(payload[3:5], "big"), int.from_bytes(payload[1:3], "big")
-        if marker == _END_OF_IMAGE and size is not None:
-            return ImageHeader(*size, complete=True)
-    return None if size is None else ImageHeader(*size, complete=False)
-
-
-def _jpeg_segments(content: bytes) -> Iterator[tuple[int, bytes]]:
-    """Yield marker and payload of each segment up to the end marker, if there is one."""
-    at = 2
-    while found := _JPEG_MARKER.search(content, at):
-        marker, at = found[1][0], found.end()
-        if marker == _END_OF_IMAGE:
-            yield marker, b""
-            return
-        length = max(int.from_bytes(content[at : at + 2], "big"), 2)
-        yield marker, content[at + 2 : at + length]
-        at += length
-
-
-def _read_png(content: bytes) -> ImageHeader | None:
-    if content[12:16] != b"IHDR" or len(content) < 24:
-        return None
-    width, height = int.from_bytes(content[16:20], "big"), int.from_bytes(content[20:24], "big")
-    return ImageHeader(width, height, complete=_png_is_complete(content))
-
-
-def _png_is_complete(content: bytes) -> bool:
-    at, view = len(_PNG), memoryview(content)
-    while at + 12 <= len(content):
-        end = at + 8 + int.from_bytes(content[at : at + 4], "big")
-        if zlib.crc32(view[at + 4 : end]) != int.from_bytes(content[end : end + 4], "big"):
-            return False
-        if content[at + 4 : at + 8] == b"IEND":
-            return True
-        at = end + 4
-    return False
+_READ_TOO = "WebP, TIFF, BMP and JPEG 2000 are read, too"
+"""What a message about other files adds."""
+_DAMAGE = re.compile(r"Corrupt JPEG data.*|Premature end of JPEG file.*|Inconsistent progression.*|Invalid SOS.*")
+"""libjpeg's warnings about data that are not what the encoder wrote (its jerror.h); the others concern headers."""
+_DECODER = re.compile(
+    rf"{_DAMAGE.pattern}|Unknown Adobe.*|Warning: unknown JFIF.*|Application transferred.*|\[ *(WARN|ERROR|INFO):.*|"
+)
+"""Lines that decoders write to standard error: libjpeg's, and OpenCV's log."""
+_STANDARD_ERROR = 2
+"""Its file descriptor."""
+_MOST_SAID = 1 << 16
+"""How many bytes of what a decoder says are kept: what a pipe holds."""
+_ONE_AT_A_TIME = Lock()
+"""Held while standard error is taken: it belongs to the whole process."""
 
 
 class ImageError(InputError):
     """An image that is missing, damaged, too large, or not of the camera's size."""
 
 
-def read_image(path: Path, size: tuple[int, int] | None = None, *, gray: bool = False) -> Image:
-    """Read a JPEG or PNG file; its pixels as the camera wrote them, whatever its EXIF orientation is.
+def read_image(
+    path: Path, size: tuple[int, int] | None = None, *, gray: bool = False, panorama: bool = False
+) -> Image:
+    """Read an image file; its pixels as the camera wrote them, whatever its EXIF orientation is.
 
     Size and completeness are read from the file's own structure first: a huge or truncated file is never
-    decoded. Damage inside the compressed data of a complete JPEG file cannot be seen that way.
+    decoded. What JPEG's decoder warns of counts as damage; bits that were changed to others that make sense
+    cannot be seen.
 
     Parameters
     ----------
     path : Path
-        The file.
+        The file: JPEG, PNG, WebP, TIFF, BMP or JPEG 2000, whatever its name.
     size : (width, height), optional
         The camera's, in pixels.
     gray : bool
         Whether to decode to gray, which is faster.
+    panorama : bool
+        Whether a file that states another projection than the equirectangular one is refused.
 
     Returns
     -------
@@ -130,21 +69,57 @@ def read_image(path: Path, size: tuple[int, int] | None = None, *, gray: bool = 
     Raises
     ------
     ImageError
-        If the file is missing, is not such an image, is cut off, or has another or too large a size.
+        If the file is missing, is not such an image, is cut off or damaged, has another or too large a size, or
+        is a part of a panorama.
     """
     try:
         content = read_bytes(path)
     except InputError as error:
         raise ImageError(str(error)) from error
     _check_content(path, content, size)
+    if (fault := panorama_fault(content, any_projection=not panorama)) is not None:
+        raise ImageError(f"{path}: {fault}")
     flag = cv2.IMREAD_GRAYSCALE if gray else cv2.IMREAD_COLOR
-    try:
-        image = cv2.imdecode(np.frombuffer(content, np.uint8), flag | cv2.IMREAD_IGNORE_ORIENTATION)
-    except cv2.error:
-        image = None
+    image, said = _decoded(content, flag | cv2.IMREAD_IGNORE_ORIENTATION)
     if image is None:
         raise ImageError(f"{path}: is damaged, it cannot be decoded")
+    if (damage := _DAMAGE.search(said)) is not None:
+        raise ImageError(f"{path}: is damaged, parts of it show nothing or something else ({damage[0].strip()})")
     return np.asarray(image, dtype=np.uint8)
+
+
+def _decoded(content: bytes, flags: int) -> tuple[np.ndarray | None, str]:
+    """Decode an image, and return what the decoder said: OpenCV hands its warnings to standard error only."""
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)  # what is too long for the pipe is lost
+    with _ONE_AT_A_TIME:
+        try:
+            terminal = os.dup(_STANDARD_ERROR)
+        except OSError:  # a service may have none
+            terminal = None
+        os.dup2(writing, _STANDARD_ERROR)
+        os.close(writing)
+        try:
+            image = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
+        except cv2.error:
+            image = None
+        finally:
+            if terminal is None:
+                os.close(_STANDARD_ERROR)
+            else:
+                os.dup2(terminal, _STANDARD_ERROR)
+                os.close(terminal)
+            with os.fdopen(reading, "rb") as pipe:
+                said = pipe.read(_MOST_SAID).decode("utf-8", "replace")
+    _pass_on(said)
+    return image, said
+
+
+def _pass_on(said: str) -> None:
+    """Write to standard error what others wrote to it while an image was decoded."""
+    rest = [line for line in said.splitlines(keepends=True) if not _DECODER.fullmatch(line.strip())]
+    with suppress(OSError):
+        os.write(_STANDARD_ERROR, "".join(rest).encode())
 
 
 def _check_content(path: Path, content: bytes, size: tuple[int, int] | None) -> None:
@@ -153,7 +128,9 @@ def _check_content(path: Path, content: bytes, size: tuple[int, int] | None) -> 
         raise ImageError(f"{path}: is empty; expected a JPEG or PNG image")
     header = read_header(content)
     if header is None:
-        raise ImageError(f"{path}: is not a JPEG or PNG image, or is cut off before its size")
+        kind = foreign_kind(content)
+        what = f" but {kind}; {_READ_TOO}" if kind else ", or is cut off before its size"
+        raise ImageError(f"{path}: is not a JPEG or PNG image{what}")
     width, height, complete = header
     if not (0 < width <= MAX_SIDE_PX and 0 < height <= MAX_SIDE_PX and width * height <= _MAX_PIXELS):
         raise ImageError(

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palletloc.geometry import FloatArray, wrap_angle
+from palletloc.io.csv_table import Row
 from palletloc.io.reading import InputError
 
 ComplexArray = NDArray[np.complex128]
@@ -48,6 +50,8 @@ _BEYOND = 5.0
 """How many times as large as nine tenths of all steps a jump is at least."""
 _STAMPS = {1e16: "nanoseconds", 1e14: "microseconds", 1e11: "milliseconds"}
 """Units of stamps since 1970 by the least value that they have until 5138; seconds are below all of them."""
+_LARGEST_STAMP = 1e20
+"""Beyond this a time is no stamp in any unit."""
 _WAY_UNITS = {1000.0: "millimetres", 100.0: "centimetres", 1 / 0.3048: "feet", 1 / 0.0254: "inches"}
 """Units of the place, by how many of them are a metre."""
 _YAW_UNITS = {180 / math.pi: "degrees", -180 / math.pi: "degrees, clockwise", -1.0: "clockwise"}
@@ -109,6 +113,17 @@ def check_times(path: Path, times: FloatArray) -> None:
     unit = next((unit for least, unit in _STAMPS.items() if largest >= least), None)
     if unit is not None:
         raise OdometryError(f"{path}: time_s: {_rounded_down(largest)}: {unit}?")
+
+
+def in_seconds(rows: Iterable[Row], column: str = "time_s") -> Iterator[Row]:
+    """Pass rows on whose times are seconds: of all other units the whole file is, and no single line is wrong."""
+    for row in rows:
+        time = math.nan
+        with suppress(ValueError):  # whoever takes the number out says what is wrong with it
+            time = float(row.cells[column])
+        if abs(time) < _LARGEST_STAMP:
+            check_times(row.path, np.array([time]))
+        yield row
 
 
 def check_odometry(path: Path, columns: OdometryColumns) -> tuple[str, ...]:

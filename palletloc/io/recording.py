@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,15 +18,18 @@ from palletloc.io.camera_spec import (
     angles_from_transform,
     camera_from_spec,
     degrees,
+    is_panorama,
     spec_from_camera,
     transform_from_angles,
 )
 from palletloc.io.csv_table import TableError, format_number, in_order_of_time, read_rows, write_rows
 from palletloc.io.images import read_image, write_image
 from palletloc.io.measurements import format_time
-from palletloc.io.odometry_check import OdometryColumns, check_odometry, check_times
+from palletloc.io.odometry_check import in_seconds
+from palletloc.io.path_file import read_odometry
+from palletloc.io.path_frame import PathForm, path_form
 from palletloc.io.reading import InputError, read_bytes
-from palletloc.io.schema import MountingSpec, RecordingSpec, ShelfSpec
+from palletloc.io.schema import MountingSpec, OdometrySpec, RecordingSpec, ShelfSpec
 from palletloc.io.truth import Truth, write_truth
 from palletloc.io.yaml_document import DocumentError, read_document, write_document
 from palletloc.mounting import Mounting
@@ -83,8 +86,12 @@ class Recording:
     """Standard deviations of the mounting along the forklift's axes, in metres; None where unknown."""
     rotation_sigma: tuple[float, float, float] | None = None
     """Standard deviations of the mounting about the forklift's axes, in radians; None where unknown."""
+    odometry_file: str = ODOMETRY
+    """File of the odometry, relative to the folder."""
+    truth_form: PathForm = field(default_factory=PathForm)
+    """What the file of the forklift's true path cannot say itself."""
     notes: tuple[str, ...] = ()
-    """What was strange when the files were read, one line each."""
+    """What was strange, dropped or assumed when the files were read, one line each."""
 
     @property
     def mounting(self) -> Mounting:
@@ -116,7 +123,8 @@ class Recording:
         ImageError
             If the file is missing, damaged, too large, or not of the camera's size.
         """
-        return read_image(self.folder / shot.file, (self.camera.width, self.camera.height), gray=gray)
+        size = (self.camera.width, self.camera.height)
+        return read_image(self.folder / shot.file, size, gray=gray, panorama=is_panorama(self.camera))
 
     def __iter__(self) -> Iterator[Shot]:
         """Yield the shots in order of time, each with its image.
@@ -166,14 +174,14 @@ class Recording:
         try:
             odom_from_forklift = self.odometry.pose_at(time)
         except TrajectoryError as error:
-            raise ShotError(f"{self.folder / ODOMETRY}: {error}") from error
+            raise ShotError(f"{self.folder / self.odometry_file}: {error}") from error
         start, _ = self.odometry.span
         return self.shelf.seen_from(odom_from_forklift, (prior or PriorConfig()).drift_after(time - start))
 
     def digest(self) -> str:
         """Return a short text that changes when the files do (images aside) or the pallet models."""
         digest = hashlib.sha256(repr(self.models).encode())
-        for name in (RECORDING, SHOTS, ODOMETRY):
+        for name in (RECORDING, SHOTS, self.odometry_file):
             digest.update(hashlib.sha256(read_bytes(self.folder / name)).digest())
         return digest.hexdigest()[:16]
 
@@ -206,9 +214,10 @@ def read_recording(folder: str | Path) -> Recording:
         camera = camera_from_spec(spec.camera)
     except ValueError as error:
         raise DocumentError(f"{path}: camera: {error}") from error
-    models, shots = _read_models(folder, spec.pallets), _read_shots(folder / SHOTS)
-    odometry, notes = _read_odometry(folder / ODOMETRY)
-    check_times(folder / SHOTS, np.array([shot.time for shot in shots]))
+    notes: list[str] = []
+    models, where = _read_models(folder, spec.pallets), spec.odometry or OdometrySpec()
+    odometry = read_odometry(folder / where.file, _ODOMETRY_COLUMNS, path_form(folder, where))
+    shots = _read_shots(folder / SHOTS, notes)
     return Recording(
         folder,
         camera,
@@ -216,10 +225,12 @@ def read_recording(folder: str | Path) -> Recording:
         _shelf(spec.shelf),
         models,
         shots,
-        odometry,
+        odometry.trajectory,
         mounting.translation_sigma_m,
         _scaled(mounting.rotation_sigma_deg, np.pi / 180),
-        notes,
+        where.file,
+        path_form(folder, spec.truth),
+        (*odometry.notes, *notes),
     )
 
 
@@ -240,23 +251,12 @@ def _read_models(folder: Path, names: tuple[str, ...]) -> tuple[PalletModel, ...
         raise DocumentError(f"{folder / RECORDING}: pallets: {error}") from error
 
 
-def _read_shots(path: Path) -> tuple[ShotFile, ...]:
-    rows = in_order_of_time(read_rows(path, SHOT_COLUMNS))
+def _read_shots(path: Path, notes: list[str]) -> tuple[ShotFile, ...]:
+    rows = in_order_of_time(in_seconds(read_rows(path, SHOT_COLUMNS)), notes=notes)
     shots = tuple(ShotFile(row.number("time_s"), row.text("file")) for row in rows)
     if not shots:
         raise TableError(f"{path}: has no rows; expected at least one shot")
     return shots
-
-
-def _read_odometry(path: Path) -> tuple[Trajectory, tuple[str, ...]]:
-    rows = in_order_of_time(read_rows(path, _ODOMETRY_COLUMNS))
-    cells = (row.number(column) for row in rows for column in _ODOMETRY_COLUMNS)
-    numbers = np.fromiter(cells, dtype=np.float64)
-    if not numbers.size:
-        raise TableError(f"{path}: has no rows; expected at least one pose")
-    times, x, y, yaw, speed, yaw_rate = numbers.reshape(-1, len(_ODOMETRY_COLUMNS)).T
-    notes = check_odometry(path, OdometryColumns(times, x, y, yaw, speed, yaw_rate))
-    return Trajectory(times, x, y, yaw, speed=speed, yaw_rate=yaw_rate), notes
 
 
 def check_shelf(recording: Recording) -> None:

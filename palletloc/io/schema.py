@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, model_validator
+from pydantic_core import PydanticCustomError
 
 from palletloc.io.images import MAX_SIDE_PX
 from palletloc.io.yaml_document import Document, Numbers
@@ -25,6 +26,11 @@ _FourNumbers = Annotated[tuple[float, float, float, float], BeforeValidator(Numb
 """Four finite numbers."""
 _FiveNumbers = Annotated[tuple[float, float, float, float, float], BeforeValidator(Numbers(5))]
 """Five finite numbers."""
+_PART_OF_PANORAMA = (
+    "an equirectangular image is 360 x 180 degrees, twice as wide as high, but the camera is {width} x {height} px;"
+    " expected images of all of it: a cropped one has to be padded, here to {whole} px if it goes all around"
+)
+"""What is said of a camera whose images cannot be whole panoramas."""
 _EightNumbers = Annotated[tuple[float, float, float, float, float, float, float, float], BeforeValidator(Numbers(8))]
 """Eight finite numbers."""
 Pixels = Annotated[int, Field(strict=True, gt=0, le=MAX_SIDE_PX)]
@@ -47,7 +53,18 @@ class _LensKeys(Document):
     """In the whole image, as the camera writes it."""
 
 
-class EquirectangularSpec(_CameraKeys):
+class _PanoramaKeys(_CameraKeys):
+    """A whole panorama, which is twice as wide as high: 360 degrees around, 180 from top to bottom."""
+
+    @model_validator(mode="after")
+    def _show_all(self) -> Self:
+        if abs(self.width - 2 * self.height) > 2:  # encoders round sizes to even numbers
+            shown = {"width": self.width, "height": self.height, "whole": f"{self.width} x {self.width // 2}"}
+            raise PydanticCustomError("panorama", _PART_OF_PANORAMA, shown)
+        return self
+
+
+class EquirectangularSpec(_PanoramaKeys):
     """A stitched 360-degree image."""
 
     model: Literal["equirectangular"]
@@ -136,7 +153,7 @@ class StitchedLensSpec(Document):
     """k1, k2: what was at theta off its axis was stitched at theta (1 + k1 theta^2 + k2 theta^4)."""
 
 
-class StitchedSpec(_CameraKeys):
+class StitchedSpec(_PanoramaKeys):
     """A stitched 360-degree image with the lenses behind it."""
 
     model: Literal["stitched_equirectangular"]
@@ -180,6 +197,23 @@ class ShelfSpec(Document):
     """Heights that loads stand on."""
 
 
+class PathSpec(Document):
+    """What a file of poses cannot say itself."""
+
+    frame: Literal["body", "optical"] | None = None
+    """Whose poses they are: of a body with z up, or of a camera with z forward."""
+    rotation_deg: Triple | None = None
+    """Roll, pitch and yaw of that body in the forklift frame."""
+    times: str | None = None
+    """File with the times of poses in KITTI form, one a line, in seconds."""
+
+
+class OdometrySpec(PathSpec):
+    """Where the odometry is, and what it cannot say itself."""
+
+    file: str = "odometry.csv"
+
+
 class RecordingSpec(Document):
     """The file recording.yaml."""
 
@@ -189,3 +223,7 @@ class RecordingSpec(Document):
     shelf: ShelfSpec
     pallets: Annotated[tuple[str, ...], Field(min_length=1)]
     """Names of pallet models."""
+    odometry: OdometrySpec | None = None
+    """Where it is not in odometry.csv, or not of the forklift's own frame."""
+    truth: PathSpec | None = None
+    """Of the file of the forklift's path, truth/forklift.csv or forklift.tum."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 
+from palletloc.errors import seconds
 from palletloc.io.csv_table import Row, read_rows
 from palletloc.io.measurements import POSE_COLUMNS, read_pose
 from palletloc.io.recording import ShotFile
@@ -68,5 +69,6 @@ def _shot_of(row: Row, shots: Sequence[ShotFile], times: Sequence[float]) -> Sho
     after = bisect(times, time)
     nearest = min(shots[max(after - 1, 0) : after + 1], key=lambda shot: abs(shot.time - time))
     if abs(nearest.time - time) > TIME_TOLERANCE:
-        raise row.fault(f"time_s: no shot at {time:.6g} s; the nearest is at {nearest.time:.6g} s")
+        at, there = seconds(time, nearest.time)
+        raise row.fault(f"time_s: no shot at {at} s; the nearest is at {there} s")
     return nearest

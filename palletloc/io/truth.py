@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from palletloc.geometry import LevelPose, wrap_angle
-from palletloc.io.csv_table import TableError, format_number, in_order_of_time, read_rows, shortened, write_rows
+from palletloc.io.csv_table import format_number, read_rows, write_rows
 from palletloc.io.measurements import POSE_COLUMNS, format_time, read_pose
-from palletloc.io.reading import InputError, read_text
+from palletloc.io.path_file import read_path
+from palletloc.io.path_frame import PathForm
+from palletloc.io.reading import InputError
 from palletloc.trajectory import Trajectory
 
 _FORKLIFT_COLUMNS = ("time_s", *POSE_COLUMNS)
 """Header of truth/forklift.csv."""
 _PALLET_COLUMNS = ("id", "model", *POSE_COLUMNS)
 """Header of truth/pallets.csv."""
-_MAX_TILT_DEG = 5.0
-"""Tilt beyond which a pose is not that of a vehicle on a floor, in degrees."""
-_TUM_COLUMNS = "time x y z qx qy qz qw"
-"""Of a line in TUM form: seconds, metres, a quaternion with its scalar last."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +41,8 @@ class Truth:
     """``world_from_forklift`` over time."""
     pallets: tuple[TruePallet, ...]
     """The pallets of the scene."""
+    notes: tuple[str, ...] = ()
+    """What was dropped or assumed when the files were read, one line each."""
 
 
 def path_file(folder: Path) -> Path | None:
@@ -52,18 +51,21 @@ def path_file(folder: Path) -> Path | None:
     return next((file for file in files if file.exists()), None)
 
 
-def read_truth(folder: str | Path) -> Truth:
+def read_truth(folder: str | Path, form: PathForm | None = None) -> Truth:
     """Read the truth of a recording.
 
     Parameters
     ----------
     folder : str or Path
         The recording.
+    form : PathForm, optional
+        What the file of the path cannot say itself.
 
     Returns
     -------
     Truth
-        From its files truth/forklift.csv, or truth/forklift.tum in its place, and truth/pallets.csv.
+        From its files truth/forklift.csv, or truth/forklift.tum in its place, and truth/pallets.csv. The path may
+        have any form that `palletloc.io.path_file.read_path` reads, under either name.
 
     Raises
     ------
@@ -74,16 +76,8 @@ def read_truth(folder: str | Path) -> Truth:
     if not truth.is_dir():
         raise InputError(f"{truth}: no such folder; expected forklift.csv and pallets.csv in it")
     file = path_file(Path(folder)) or truth / "forklift.csv"
-    path = read_tum(file) if file.suffix == ".tum" else _read_forklift(file)
-    return Truth(path, read_pallets(truth / "pallets.csv"))
-
-
-def _read_forklift(path: Path) -> Trajectory:
-    rows = [row.numbers(_FORKLIFT_COLUMNS) for row in in_order_of_time(read_rows(path, _FORKLIFT_COLUMNS))]
-    if not rows:
-        raise TableError(f"{path}: has no rows; expected at least one pose")
-    times, x, y, z, yaw = np.array(rows).T
-    return Trajectory(times=times, x=x, y=y, yaw=yaw, z=z)
+    path = read_path(file, _FORKLIFT_COLUMNS, form=form)
+    return Truth(path.trajectory, read_pallets(truth / "pallets.csv"), path.notes)
 
 
 def read_pallets(path: Path) -> tuple[TruePallet, ...]:
@@ -135,60 +129,5 @@ def _pose_cells(pose: LevelPose) -> list[str]:
 
 
 def read_tum(path: Path) -> Trajectory:
-    """Read a trajectory in TUM form and keep its level part.
-
-    Parameters
-    ----------
-    path : Path
-        The file; lines that start with ``#`` and empty ones are comments.
-
-    Returns
-    -------
-    Trajectory
-        Position and heading over time.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read.
-    TableError
-        If a line is wrong, a pose is tilted, or the times do not increase; names the line.
-    """
-    rows: list[tuple[int, list[float]]] = []
-    for number, line in enumerate(read_text(path).splitlines(), start=1):
-        if line.strip() and not line.lstrip().startswith("#"):
-            row = _tum_pose(path, number, line)
-            if rows and row[0] <= rows[-1][1][0]:
-                raise TableError(
-                    f"{path}, line {number}: the time {row[0]:.9g} does not follow {rows[-1][1][0]:.9g}"
-                    f" of line {rows[-1][0]}; expected strictly increasing times"
-                )
-            rows.append((number, row))
-    if not rows:
-        raise TableError(f"{path}: has no poses; expected lines '{_TUM_COLUMNS}'")
-    times, x, y, z, yaw = np.array([row for _, row in rows]).T
-    return Trajectory(times=times, x=x, y=y, yaw=yaw, z=z)
-
-
-def _tum_pose(path: Path, number: int, line: str) -> list[float]:
-    """Return time, x, y, z and yaw."""
-    try:
-        values = [float(part) for part in line.split()]
-    except ValueError:
-        values = []
-    if len(values) != 8 or not all(math.isfinite(value) for value in values):
-        raise TableError(
-            f"{path}, line {number}: expected eight numbers '{_TUM_COLUMNS}', got {shortened(line.strip())}"
-        )
-    quaternion = np.array(values[4:])
-    norm = float(np.linalg.norm(quaternion))
-    if abs(norm - 1) > 0.01:
-        raise TableError(f"{path}, line {number}: expected a quaternion of length 1, got {norm:.3g}")
-    qx, qy, qz, qw = quaternion / norm
-    tilt = math.degrees(2 * math.asin(min(1.0, math.hypot(qx, qy))))
-    if tilt > _MAX_TILT_DEG:
-        raise TableError(
-            f"{path}, line {number}: the pose is tilted by {tilt:.1f} degrees, expected at most {_MAX_TILT_DEG:.0f}:"
-            " z up, and the scalar of the quaternion last"
-        )
-    return [*values[:4], math.atan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy**2 + qz**2))]
+    """Read a trajectory in TUM form, or any other that `palletloc.io.path_file.read_path` reads."""
+    return read_path(path, _FORKLIFT_COLUMNS).trajectory

@@ -134,7 +134,8 @@ def _run(truth: RecordingTruth, run: EvaluatedRun, settings: Settings) -> Iterat
 def _verdict(label: str, source: EvaluatedSource) -> Iterator[str]:
     check, found = source.requirement, source.detection
     inside = check.together.proportion
-    yield paragraph(f"{label[0].upper()}{label[1:]}: {_VERDICTS[check.together.verdict].lower()}.", "lead")
+    missing = f": {check.together.decision}" if check.together.decision else ""
+    yield paragraph(f"{label[0].upper()}{label[1:]}: {_VERDICTS[check.together.verdict].lower()}{missing}.", "lead")
     nees = chi_square_check([error.nees_with_truth for error in source.errors], 4)
     share = f"{100 * inside.low:.1f} to {100 * inside.high:.1f} %"
     figures = [

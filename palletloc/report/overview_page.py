@@ -134,7 +134,7 @@ def _plan(overview: RunOverview, found: Sequence[PalletMeasurement]) -> Iterator
             path.append(recording.odometry.pose_at(shot.time))
     step = max(1, -(-len(found) // _MOST_PLACES))
     for row in found[::step]:
-        with suppress(TrajectoryError):
+        with suppress(TrajectoryError, KeyError):  # rows of a model that the recording no longer names
             forklift = recording.odometry.pose_at(row.time).transform()
             places.append(Footprint(models[row.model], forklift * row.forklift_from_pallet.transform()))
     if not path:

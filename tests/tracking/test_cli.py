@@ -276,40 +276,6 @@ def test_what_is_strange_about_odometry_is_said_once(capsys: pytest.CaptureFixtu
     assert capsys.readouterr().err == f"palletloc: {odometry}: {said}\n"
 
 
-FAULTS = Path(__file__).resolve().parents[2].parent / "shared/data/faults"
-COMMANDS_OF_A_RECORDING = [
-    ["track", "approach", "--out", "out"],
-    ["track", "approach", "--measurements", "m.csv", "--out", "out"],
-    ["localize", "approach", "--initial", "m.csv", "--out", "out"],
-    ["evaluate", "approach", "--estimate", "run", "--out", "out"],
-    ["explain", "approach", "--shot", "0", "--out", "out"],
-    ["calibrate", "shelf", "approach", "--out", "out.yaml"],
-    ["calibrate", "check", "approach"],
-]
-
-
-@pytest.mark.usefixtures("here")
-@pytest.mark.parametrize("command", COMMANDS_OF_A_RECORDING, ids=lambda command: "-".join(command[:2]))
-@pytest.mark.parametrize("case", ["odometry-yaw-in-degrees", "stamps-in-nanoseconds"])
-def test_recordings_whose_odometry_cannot_be_used(
-    case: str, command: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    if not FAULTS.is_dir():
-        pytest.skip("the shared recordings are not there")
-    for file in (FAULTS / case).glob("*.csv"):
-        place = Path("m.csv") if file.name == "measurements.csv" else Path("approach", file.name)
-        place.write_bytes(file.read_bytes())
-    assert run(command, COMMANDS) == 1
-    said = {
-        "odometry-yaw-in-degrees": r"yaw_rad turns 57\.\d times as far as yaw_rate_radps says: degrees\?",
-        "stamps-in-nanoseconds": r"time_s: 1\.7e18: nanoseconds\?",
-    }
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    assert re.fullmatch(rf"palletloc: approach/odometry\.csv: {said[case]}\n", printed.err)
-    assert not Path("out").exists()
-
-
 @pytest.mark.usefixtures("here")
 @pytest.mark.parametrize("options", [["--strict"], ["--resume"], ["--method", "paper"], ["-v"]])
 def test_options_of_localizing_are_wrong_usage_where_nothing_is_localized(options: list[str]) -> None:

@@ -9,7 +9,8 @@ from numpy.testing import assert_array_equal
 
 from palletloc.geometry import Image
 from palletloc.io.atomic import OutputError, write_bytes, write_text, written_beside
-from palletloc.io.images import ImageError, read_header, read_image, write_image
+from palletloc.io.image_headers import read_header
+from palletloc.io.images import ImageError, read_image, write_image
 
 
 def test_a_file_is_replaced_and_nothing_stays_beside_it(tmp_path: Path) -> None:

@@ -24,6 +24,7 @@ from palletloc.io.camera_spec import (
     angles_from_transform,
     camera_from_spec,
     degrees,
+    read_camera,
     spec_from_camera,
     transform_from_angles,
 )
@@ -304,3 +305,15 @@ def test_a_transform_survives_the_way_to_angles_and_back(
 @given(st.integers(-180_000, 180_000))
 def test_degrees_of_typed_angles_are_the_typed_ones(thousandths: int) -> None:
     assert degrees(float(np.radians(thousandths / 1000))) == thousandths / 1000
+
+
+@pytest.mark.parametrize(
+    "size", ["width: 3840, height: 1900", "width: 3840, height: 1700", "width: 1920, height: 1920"]
+)
+def test_images_that_cannot_be_whole_panoramas_are_refused(tmp_path: Path, size: str) -> None:
+    path = tmp_path / "camera.yaml"
+    path.write_text(f"camera: {{model: equirectangular, {size}}}\n")
+    with pytest.raises(DocumentError, match=r"camera\.yaml: camera: an equirectangular image is 360 x 180 degrees"):
+        read_camera(path)
+    path.write_text("camera: {model: equirectangular, width: 3842, height: 1920}\n")
+    assert read_camera(path).width == 3842

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from palletloc.geometry import FloatArray, LevelPose, wrap_angle
+from palletloc.geometry import FloatArray, LevelPose
+from palletloc.planar import compose as compose
+from palletloc.planar import relative as relative
 from palletloc.trajectory import Trajectory
 
 
@@ -119,25 +121,3 @@ def evenly_spread(count: int, most: int) -> NDArray[np.intp]:
     [0, 4, 8]
     """
     return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.intp))
-
-
-def compose(pose: FloatArray, step: FloatArray) -> FloatArray:
-    """Return a pose moved by a step that is given in its own frame; both (..., 3) as x, y, yaw.
-
-    Examples
-    --------
-    >>> compose(np.array([1.0, 0.0, np.pi / 2]), np.array([2.0, 0.0, 0.0])).round(6).tolist()
-    [1.0, 2.0, 1.570796]
-    """
-    cos, sin = np.cos(pose[..., 2]), np.sin(pose[..., 2])
-    x, y = step[..., 0], step[..., 1]
-    return np.stack(
-        [pose[..., 0] + cos * x - sin * y, pose[..., 1] + sin * x + cos * y, pose[..., 2] + step[..., 2]], -1
-    )
-
-
-def relative(pose: FloatArray, other: FloatArray) -> FloatArray:
-    """Return another pose in the frame of a pose: the inverse of `compose`; yaw in [-pi, pi)."""
-    cos, sin = np.cos(pose[..., 2]), np.sin(pose[..., 2])
-    dx, dy = other[..., 0] - pose[..., 0], other[..., 1] - pose[..., 1]
-    return np.stack([cos * dx + sin * dy, cos * dy - sin * dx, wrap_angle(other[..., 2] - pose[..., 2])], -1)

@@ -37,6 +37,36 @@ class Finding:
     """One sentence: what to do."""
 
 
+class Judgement(StrEnum):
+    """The one verdict on a result that follows from all of its findings."""
+
+    HOLDS = "holds"
+    """Nothing restricts it."""
+    RESTRICTED = "restricted"
+    """It can be used, but warnings restrict it."""
+    FAILS = "fails"
+    """It contradicts itself or is too uncertain."""
+    DEGENERATE = "degenerate"
+    """The data cannot give it."""
+
+
+def judgement(findings: Iterable[Finding]) -> Judgement:
+    """Return the verdict that the worst of some findings demands.
+
+    Examples
+    --------
+    >>> str(judgement([Finding(Severity.WARNING, "uncertain", "...", "...")]))
+    'restricted'
+    """
+    severities = {finding.severity for finding in findings}
+    demands = {
+        Severity.DEGENERATE: Judgement.DEGENERATE,
+        Severity.FAIL: Judgement.FAILS,
+        Severity.WARNING: Judgement.RESTRICTED,
+    }
+    return next((verdict for severity, verdict in demands.items() if severity in severities), Judgement.HOLDS)
+
+
 def notes_on_input(notes: Iterable[str]) -> Iterator[Finding]:
     """Yield what was strange when the files of a recording were read."""
     for note in notes:
@@ -51,7 +81,5 @@ def exit_code(findings: Iterable[Finding]) -> int:
     >>> exit_code([Finding(Severity.WARNING, "one_lens_side", "...", "...")])
     0
     """
-    severities = {finding.severity for finding in findings}
-    if Severity.DEGENERATE in severities:
-        return DEGENERATE
-    return FAIL if Severity.FAIL in severities else PASS
+    codes = {Judgement.FAILS: FAIL, Judgement.DEGENERATE: DEGENERATE}
+    return codes.get(judgement(findings), PASS)

@@ -19,12 +19,14 @@ from matplotlib.figure import Figure
 from rich import box
 from rich.text import Text
 
-from calibration.findings import PASS, Finding, Severity, exit_code
+from calibration.findings import PASS, Finding, Judgement, Severity, exit_code, judgement
 from palletloc.drawing.canvas import small_png
 from palletloc.io.atomic import write_text
 from palletloc.report import page as html
 from palletloc.report.page import Column
 
+_RESTRICTIONS = ("a restriction", "restrictions")
+"""One, and more."""
 _FORMAT = 1
 """Version of the reports in JSON. Programs read it; it changes when a key changes its meaning."""
 
@@ -128,6 +130,8 @@ class ResultPage:
     """In the order in which they are shown."""
     content: str | None = None
     """Of the file that the calibration writes; None where it gives none."""
+    restricted: str = ""
+    """What a result that warnings restrict is, in a sentence to which they are added; as of exit code 0 if empty."""
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -140,6 +144,20 @@ class ResultPage:
     def exit_code(self) -> int:
         """0 where the result holds, 1 where it fails, 3 where the data cannot give one."""
         return exit_code(self.findings)
+
+    @property
+    def judgement(self) -> Judgement:
+        """The verdict in a word."""
+        return judgement(self.findings)
+
+    @property
+    def verdict(self) -> str:
+        """The verdict in a sentence: the same on the terminal, on the page and in JSON."""
+        if self.judgement is not Judgement.RESTRICTED:
+            return self.verdicts[self.exit_code]
+        sentence = self.restricted or self.verdicts[self.exit_code]
+        codes = dict.fromkeys(finding.code for finding in self.findings if finding.severity is Severity.WARNING)
+        return f"{sentence.rstrip('.')}, with {_RESTRICTIONS[len(codes) > 1]}: {', '.join(codes)}."
 
 
 def words(*headings: str) -> tuple[Column, ...]:
@@ -199,6 +217,8 @@ def _finding_line(finding: Finding) -> str:
 def json_values(result: ResultPage) -> dict[str, Any]:
     """Return a result in plain values."""
     data: dict[str, Any] = {"format": _FORMAT, "exit_code": result.exit_code}
+    if result.findings:
+        data |= {"judgement": str(result.judgement), "verdict": result.verdict}
     for section in result.sections:
         if isinstance(section, Findings):
             data["reasons"] = [_finding_data(finding) for finding in section.findings]
@@ -218,7 +238,7 @@ def _finding_data(finding: Finding) -> dict[str, str]:
 
 def html_text(result: ResultPage) -> str:
     """Return a result as a page of HTML that needs nothing but itself."""
-    start = (html.heading(result.heading, level=1), html.paragraph(result.verdicts[result.exit_code], "lead"))
+    start = (html.heading(result.heading, level=1), html.paragraph(result.verdict, "lead"))
     parts = (part for section in result.sections for part in _on_page(section))
     return html.page(result.command, (*start, *parts))
 

@@ -45,9 +45,11 @@ def lenses_page(result: LensCalibration | StitchedCalibration) -> page.ResultPag
     content = None if result.camera is None else camera_text(result.camera)
     if isinstance(result, StitchedCalibration):
         heading, sections = "The lenses behind a stitched image", tuple(_stitched_sections(result))
-        return page.ResultPage(_COMMAND, heading, _STITCHED_VERDICTS, sections, content)
+        return page.ResultPage(_COMMAND, heading, _STITCHED_VERDICTS, sections, content, "The correction can be used")
     heading = f"The lens by the model {result.model}"
-    return page.ResultPage(_COMMAND, heading, _VERDICTS, tuple(_sections(result)), content)
+    return page.ResultPage(
+        _COMMAND, heading, _VERDICTS, tuple(_sections(result)), content, "The calibration can be used"
+    )
 
 
 def _sections(result: LensCalibration) -> Iterator[page.Section]:

@@ -104,7 +104,9 @@ class MountingResult:
         return None if solution is None or self.assessment.exit_code != PASS else solution.mounting
 
 
-def calibrate_mounting(folder: Path, on_progress: Callable[[str], None] = lambda _: None) -> MountingResult:
+def calibrate_mounting(
+    folder: Path, on_progress: Callable[[str], None] = lambda _: None, columns: Sequence[str] | None = None
+) -> MountingResult:
     """Find the camera's pose on the forklift from surveyed targets.
 
     Parameters
@@ -113,6 +115,8 @@ def calibrate_mounting(folder: Path, on_progress: Callable[[str], None] = lambda
         With extrinsics.yaml and its shots.
     on_progress : callable
         Is told what is done next.
+    columns : sequence of str, optional
+        What the columns of a surveyed table are, from the left; in place of what extrinsics.yaml says.
 
     Returns
     -------
@@ -124,7 +128,7 @@ def calibrate_mounting(folder: Path, on_progress: Callable[[str], None] = lambda
     PalletLocError
         If a file is missing or wrong, or a target is there twice.
     """
-    task = read_mounting_task(folder)
+    task = read_mounting_task(folder, columns)
     if task.frame is not None and task.frame.pose is None:
         return MountingResult(MountingAssessment(task.frame.findings), task.camera_spec, frame=task.frame)
     size = (task.camera.width, task.camera.height)

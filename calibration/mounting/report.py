@@ -31,6 +31,8 @@ from palletloc.io.camera_spec import angles_from_transform
 
 _VERDICTS = {0: "The calibration holds.", 1: "The calibration fails.", 3: "The data cannot give a calibration."}
 """By exit code."""
+_USABLE = "The calibration can be used"
+"""Where warnings restrict it."""
 _NOTHING = (
     "Nothing is left to do: paste the content of rig.yaml into recording.yaml. Repeat the calibration after"
     " anything has hit the camera or its mast."
@@ -42,7 +44,9 @@ def mounting_page(result: MountingResult) -> page.ResultPage:
     """Return a mounting, from `calibrate_mounting`, as all outputs show it."""
     content = None if result.mounting is None else rig_text(result.camera, result.mounting)
     heading = "Where the camera is on the forklift"
-    return page.ResultPage("palletloc calibrate extrinsics", heading, _VERDICTS, tuple(_sections(result)), content)
+    return page.ResultPage(
+        "palletloc calibrate extrinsics", heading, _VERDICTS, tuple(_sections(result)), content, _USABLE
+    )
 
 
 def _sections(result: MountingResult) -> Iterator[page.Section]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -21,7 +21,7 @@ from palletloc.io.camera_spec import camera_from_spec
 from palletloc.io.reading import InputError, require_file
 from palletloc.io.schema import CameraSpec, Triple
 from palletloc.io.yaml_document import Document, DocumentError, read_document
-from palletloc.survey.plan import Name, PrismSpec, Sigma, prism_use
+from palletloc.survey.plan import Columns, Name, PrismSpec, Sigma, prism_use
 from palletloc.survey.point import Survey
 from palletloc.survey.reading import read_survey
 
@@ -104,6 +104,7 @@ class _SurveySectionSpec(Document):
     file: Annotated[str, Field(min_length=1)]
     sigma_m: Sigma
     prism: PrismSpec | None = None
+    columns: Columns | None = None
     targets: Annotated[dict[str, _NamedCornersSpec], Field(min_length=1)]
     frame: _FrameSpec
 
@@ -139,7 +140,7 @@ class MountingTask:
     """Where the forklift stood in the survey; None where the corners were given in its frame."""
 
 
-def read_mounting_task(folder: Path) -> MountingTask:
+def read_mounting_task(folder: Path, columns: Sequence[str] | None = None) -> MountingTask:
     """Read and check the file extrinsics.yaml of a folder; the shots stay in their files.
 
     Raises
@@ -157,7 +158,7 @@ def read_mounting_task(folder: Path) -> MountingTask:
         raise DocumentError(f"{path}: camera: {error}") from error
     targets = {name: target_from_spec(path, name, given.charuco, given.tag) for name, given in spec.targets.items()}
     refuse_shared_ids(path, targets)
-    section = None if spec.survey is None else _read_survey_section(path, spec.survey)
+    section = None if spec.survey is None else _read_survey_section(path, spec.survey, columns)
     unknown = next((name for name in (section.corners if section else ()) if name not in targets), None)
     if unknown is not None:
         raise DocumentError(f"{path}: survey.targets: unknown target '{unknown}'{nearest_name(unknown, targets)}")
@@ -178,14 +179,14 @@ class _SurveySection:
     """Standard deviation of each coordinate, in metres."""
 
 
-def _read_survey_section(path: Path, spec: _SurveySectionSpec) -> _SurveySection:
+def _read_survey_section(path: Path, spec: _SurveySectionSpec, columns: Sequence[str] | None) -> _SurveySection:
     """Read the survey that the section of a file names; its name is relative to the file's folder."""
     names = [name for corner in spec.targets.values() for name in corner.names()]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise DocumentError(f"{path}: survey.targets: point '{twice}' stands there twice; expected every point once")
     prism = prism_use(spec.prism) if spec.prism is not None else None
-    survey = read_survey(path.parent / spec.file, prism)
+    survey = read_survey(path.parent / spec.file, prism, columns=columns or spec.columns)
     corners = {
         name: np.array([survey.require(point).position for point in corner.names()])
         for name, corner in spec.targets.items()

@@ -29,6 +29,8 @@ _FRONT = {Front.UPRIGHTS: "the front faces of the uprights", Front.PALLETS: "the
 """What a front is, in words."""
 _VERDICTS = {0: "The plane holds.", 1: "The plane fails.", 3: "The data cannot give the plane."}
 """By exit code."""
+_USABLE = "The plane can be used"
+"""Where warnings restrict it."""
 _METHODS = (
     *page.words("method"),
     *page.numbers(f"facing {DEGREE}", "sigma", "distance m", "sigma mm"),
@@ -54,7 +56,9 @@ def shelf_page(assessment: ShelfAssessment) -> page.ResultPage:
     if assessment.exit_code == PASS and survey.plane is not None:
         content = recording_text(read_document(survey.recording.folder / RECORDING, RecordingSpec), survey.plane)
     sections = tuple(_sections(assessment))
-    return page.ResultPage("palletloc calibrate shelf", "Where the shelf's front is", _VERDICTS, sections, content)
+    return page.ResultPage(
+        "palletloc calibrate shelf", "Where the shelf's front is", _VERDICTS, sections, content, _USABLE
+    )
 
 
 def _sections(assessment: ShelfAssessment) -> Iterator[page.Section]:

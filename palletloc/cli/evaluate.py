@@ -66,6 +66,7 @@ def evaluate(
             help="Largest time to the nearest sample, or between the samples on both sides.",
         ),
     ] = None,
+    columns: options.SurveyColumns = None,
     stop_limit: Annotated[
         float,
         typer.Option(
@@ -103,6 +104,8 @@ def evaluate(
 
     settings = settings_of(max_range, pair, pair_limit, stop_limit, requirement_yaw_deg, requirement_mm)
     if batch is not None and recording is None:
+        if columns is not None:
+            raise typer.BadParameter("goes with one RECORDING; state it in each survey.yaml", param_hint="--columns")
         _check_batch(estimate, workers, scheduler)
         jobs = find_jobs(batch, [str(name) for name in estimate], out, settings)
         work = BatchWork(workers, scheduler, with_pictures=not no_pictures)
@@ -111,7 +114,7 @@ def evaluate(
         raise typer.BadParameter("expected either RECORDING or --batch DIR", param_hint="RECORDING")
     if workers is not None or scheduler is not None:
         raise typer.BadParameter("go with --batch DIR only", param_hint="--workers, --scheduler")
-    return evaluate_one(recording, estimate, out, settings, with_pictures=not no_pictures)
+    return evaluate_one(recording, estimate, out, settings, columns, with_pictures=not no_pictures)
 
 
 def _check_batch(estimates: Sequence[Path], workers: int | None, scheduler: str | None) -> None:

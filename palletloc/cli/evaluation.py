@@ -26,7 +26,7 @@ from palletloc.evaluation.batch import (
     pooled,
 )
 from palletloc.evaluation.metrics import METRICS, metrics_document, metrics_text
-from palletloc.evaluation.pose_error import COMPONENTS, EvaluationError, Visibility, offsets
+from palletloc.evaluation.pose_error import COMPONENTS, EvaluationError, Visibility, offsets, squared_errors
 from palletloc.evaluation.recording import evaluate_recording, write_results
 from palletloc.evaluation.requirement import Requirement, check_requirement
 from palletloc.evaluation.run import (
@@ -41,6 +41,8 @@ from palletloc.evaluation.run import (
 from palletloc.evaluation.truth import RecordingTruth, read_recording_truth, survey_notes
 from palletloc.io.atomic import write_text
 from palletloc.io.recording import Recording
+from palletloc.mounting_yaw import turn_lines
+from palletloc.survey.plan import split_columns
 
 BATCH = "batch.json"
 """Name of the file about all recordings of a batch."""
@@ -56,7 +58,13 @@ _QUANTITIES = (
 
 
 def evaluate_one(
-    recording: Path, estimate: Sequence[Path], out: Path, settings: Settings, *, with_pictures: bool
+    recording: Path,
+    estimate: Sequence[Path],
+    out: Path,
+    settings: Settings,
+    columns: str | None = None,
+    *,
+    with_pictures: bool,
 ) -> Shown:
     """Evaluate the runs over one recording, and write the results.
 
@@ -70,6 +78,8 @@ def evaluate_one(
         For the results; made if missing.
     settings : Settings
         What counts.
+    columns : str, optional
+        What the columns of a surveyed table are, with commas between them.
     with_pictures : bool
         Whether the report shows the images of the worst shots.
 
@@ -83,7 +93,7 @@ def evaluate_one(
     PalletLocError
         If a file is missing or wrong, or a run is given twice.
     """
-    truth = read_recording_truth(recording)
+    truth = read_recording_truth(recording, split_columns(columns))
     say_all(truth.recording.notes)
     evaluated = evaluate_recording(truth, _read_runs(estimate, truth.recording), settings)
     runs, compared = evaluated.runs, evaluated.compared
@@ -95,7 +105,8 @@ def evaluate_one(
     document = metrics_document(truth, runs, settings, compared)
     tables = (_table(runs), *((_compared(compared),) if compared else ()))
     parts = (*tables, *_remarks(runs), *_notes(truth, settings), f"look at {out / REPORT}")
-    return Shown({"out": out, "report": out / REPORT, **document}, parts)
+    lines = [f"{run.files.name}: {line}" if len(runs) > 1 else line for run in runs for line in turn_lines(run.turn)]
+    return Shown({"out": out, "report": out / REPORT, **document}, parts, tuple(lines))
 
 
 def settings_of(
@@ -192,11 +203,22 @@ def _notes(truth: RecordingTruth, settings: Settings) -> list[str]:
 
 def _remarks(runs: Sequence[EvaluatedRun]) -> list[str]:
     """Say what the table does not."""
+    remarks = [
+        f"{run.files.name}, {name}, together: undecided: {source.requirement.together.decision}"
+        for run in runs
+        for name, source in run.sources.items()
+        if source.requirement.together.decision
+    ]
     left_out = runs[0].without_truth
-    if not left_out:
-        return []
-    count = "1 shot has" if len(left_out) == 1 else f"{len(left_out)} shots have"
-    return [f"left out: {count} no truth within the limit; {METRICS} lists the times"]
+    if left_out:
+        count = "1 shot has" if len(left_out) == 1 else f"{len(left_out)} shots have"
+        remarks.append(f"left out: {count} no truth within the limit; {METRICS} lists the times")
+    for run in runs:
+        for name, source in run.sources.items():
+            if without := int(np.isnan(squared_errors(source.errors)).sum()):
+                rows = f"{without} of {len(source.errors)} poses"
+                remarks.append(f"{run.files.name}, {name}: {rows} state no usable covariance; NEES leaves them out")
+    return remarks
 
 
 class BatchWork(NamedTuple):
@@ -247,7 +269,7 @@ def evaluate_batch(jobs: Sequence[BatchJob], folder: Path, out: Path, work: Batc
     write_text(out / BATCH, metrics_text(document))
     write_text(out / INDEX, page)
     parts = (_batch_table(results, settings.requirement), f"look at {out / INDEX}")
-    remarks = []
+    remarks = [f"{result.name}: {remark}" for result in results for remark in result.remarks]
     if failed:
         names = ", ".join(result.name for result in failed)
         count = f"{len(failed)} of {len(results)} recordings"

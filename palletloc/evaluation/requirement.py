@@ -69,6 +69,17 @@ class Check:
     """How many errors are inside, with a two-sided interval."""
     verdict: Verdict
     """By the one-sided bounds at the same confidence."""
+    needed: int
+    """How many errors there have to be until the requirement is met, if no more than now are outside; where it is met
+    or not met, as many as there are."""
+
+    @property
+    def decision(self) -> str:
+        """What is missing for a verdict, in words; empty where there is one."""
+        if self.verdict is not Verdict.UNDECIDED:
+            return ""
+        there, outside = self.proportion.trials, self.proportion.trials - self.proportion.successes
+        return f"{self.needed} errors decide if no more than {outside} are outside; there are {there}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,10 +139,41 @@ def check_requirement(
     trials = len(offsets) + missed
 
     def check(count: int) -> Check:
-        return Check(clopper_pearson(count, trials, asked.confidence), _verdict(count, trials, asked))
+        verdict = _verdict(count, trials, asked)
+        needed = needed_errors(trials - count, asked) if verdict is Verdict.UNDECIDED else trials
+        return Check(clopper_pearson(count, trials, asked.confidence), verdict, needed)
 
     depth, along, height, yaw = (check(int(count)) for count in inside.sum(axis=0))
     return RequirementCheck(asked, missed, depth, along, height, yaw, check(int(inside.all(axis=1).sum())))
+
+
+def needed_errors(outside: int, requirement: Requirement) -> int:
+    """Return how many errors show that a requirement is met, where some of them are outside.
+
+    Parameters
+    ----------
+    outside : int
+        How many.
+    requirement : Requirement
+        Its share and confidence.
+
+    Examples
+    --------
+    >>> [needed_errors(outside, Requirement()) for outside in (0, 1, 2)]
+    [59, 93, 124]
+    """
+
+    def is_met(total: int) -> bool:
+        return lower_bound(total - outside, total, requirement.confidence) >= requirement.share
+
+    enough = outside + 1
+    while not is_met(enough):
+        enough *= 2
+    low = max(outside, enough // 2)
+    while enough - low > 1:
+        middle = (low + enough) // 2
+        low, enough = (low, middle) if is_met(middle) else (middle, enough)
+    return enough
 
 
 def _verdict(inside: int, trials: int, asked: Requirement) -> Verdict:

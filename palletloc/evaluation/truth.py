@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -63,7 +63,7 @@ class RecordingTruth:
         return {model.name: model.width for model in self.recording.models}
 
 
-def read_recording_truth(folder: str | Path) -> RecordingTruth:
+def read_recording_truth(folder: str | Path, columns: Sequence[str] | None = None) -> RecordingTruth:
     """Read a recording with its truth.
 
     Parameters
@@ -71,6 +71,8 @@ def read_recording_truth(folder: str | Path) -> RecordingTruth:
     folder : str or Path
         The recording, with a folder ``truth`` that holds pallets.csv, and forklift.csv (or forklift.tum), or
         survey.yaml, or both.
+    columns : sequence of str, optional
+        What the columns of a surveyed table are, from the left.
 
     Returns
     -------
@@ -85,7 +87,7 @@ def read_recording_truth(folder: str | Path) -> RecordingTruth:
     folder = Path(folder)
     recording = read_recording(folder)
     place = folder / "truth"
-    surveyed = read_surveyed_truth(folder) if (place / _SURVEY).exists() else None
+    surveyed = read_surveyed_truth(folder, columns) if (place / _SURVEY).exists() else None
     if surveyed is not None and path_file(folder) is None:
         pallets, path = read_pallets(place / "pallets.csv"), None
         notes: tuple[str, ...] = ()

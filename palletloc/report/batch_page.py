@@ -58,7 +58,8 @@ def _overall(totals: SourceTotals, requirement: Requirement) -> Iterator[str]:
     check = check_requirement(totals.offsets, requirement).together
     inside = check.proportion
     verdict = {Verdict.MET: "met", Verdict.NOT_MET: "not met"}.get(check.verdict, "undecided")
-    yield html.paragraph(f"{totals.run}, {STYLES[totals.source].label}: requirement {verdict}.", "lead")
+    missing = f": {check.decision}" if check.decision else ""
+    yield html.paragraph(f"{totals.run}, {STYLES[totals.source].label}: requirement {verdict}{missing}.", "lead")
     yield html.key_figures(
         [
             (inside.counted, f"errors inside, {100 * requirement.share:g} % required"),

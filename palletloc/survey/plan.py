@@ -24,8 +24,15 @@ def _as_name(given: Any) -> Any:
     return str(given) if isinstance(given, int) and not isinstance(given, bool) else given
 
 
+def split_columns(given: Any) -> Any:
+    """Return the names in a text with commas, ``P,E,N,H``."""
+    return tuple(name.strip() for name in given.split(",")) if isinstance(given, str) else given
+
+
 Name = Annotated[str, BeforeValidator(_as_name), Field(min_length=1)]
 """Name of a stop, a body or a target."""
+Columns = Annotated[tuple[str, ...], BeforeValidator(split_columns), Field(min_length=4)]
+"""What the columns of a table of points are, from the left: a list, or a text with commas."""
 Sigma = Annotated[float, BeforeValidator(Numbers(positive=True))]
 """One standard deviation."""
 
@@ -59,6 +66,7 @@ class _SurveySpec(Document):
     level: bool = False
     prism: PrismSpec | None = None
     known: dict[Name, Triple] | None = None
+    columns: Columns | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +99,8 @@ class SurveyPlan:
     """Corrects the distances."""
     known: Mapping[str, FloatArray] | None = None
     """Points with known places, each (3,), from which free stations are found."""
+    columns: tuple[str, ...] | None = None
+    """What the columns of a table are, from the left; None where its header says so."""
 
     @property
     def pallets(self) -> tuple[str, ...]:
@@ -127,7 +137,9 @@ def read_survey_plan(path: Path) -> SurveyPlan:
     stops = tuple(Stop(stop.name, stop.time_s) for stop in spec.stops)
     prism = prism_use(spec.prism) if spec.prism else None
     known = None if spec.known is None else {name: np.array(place) for name, place in spec.known.items()}
-    return SurveyPlan(path, path.parent / spec.file, spec.sigma_m, stops, bodies, spec.level, prism, known)
+    return SurveyPlan(
+        path, path.parent / spec.file, spec.sigma_m, stops, bodies, spec.level, prism, known, spec.columns
+    )
 
 
 def _check_bodies(path: Path, bodies: Mapping[str, Mapping[str, object]]) -> None:

@@ -133,13 +133,15 @@ class SurveyedTruth:
     """Whatever a reader of the result should know, one line each: rejected lines, missing targets, assumptions."""
 
 
-def read_surveyed_truth(folder: str | Path) -> SurveyedTruth:
+def read_surveyed_truth(folder: str | Path, columns: Sequence[str] | None = None) -> SurveyedTruth:
     """Read the survey of a recording: truth/survey.yaml and the file that it names.
 
     Parameters
     ----------
     folder : str or Path
         The recording.
+    columns : sequence of str, optional
+        What the columns of a table are, from the left; in place of what survey.yaml says.
 
     Returns
     -------
@@ -152,7 +154,7 @@ def read_surveyed_truth(folder: str | Path) -> SurveyedTruth:
         If a file is missing or wrong, or the points do not fit the bodies; names file, line and point.
     """
     plan = read_survey_plan(Path(folder) / "truth" / "survey.yaml")
-    return survey_truth(plan, read_survey(plan.survey, plan.prism, plan.known))
+    return survey_truth(plan, read_survey(plan.survey, plan.prism, plan.known, columns or plan.columns))
 
 
 def survey_truth(plan: SurveyPlan, survey: Survey) -> SurveyedTruth:

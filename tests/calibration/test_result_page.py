@@ -2,6 +2,7 @@
 
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -82,6 +83,30 @@ def test_findings_decide_the_verdict_and_the_worst_stands_first_on_the_page() ->
     assert html.index("units") < html.index("upside_down")
     assert reason_lines(page)[1] == "fail: units: corners are in mm; write metres"
     assert [reason["code"] for reason in json.loads(json_text(page))["reasons"]] == ["upside_down", "units"]
+
+
+@pytest.mark.parametrize(
+    ("severities", "code", "judgement", "sentence"),
+    [
+        ([Severity.NOTE], 0, "holds", "It holds."),
+        ([Severity.NOTE, Severity.WARNING], 0, "restricted", "It can be used, with a restriction: c1."),
+        ([Severity.WARNING, Severity.WARNING], 0, "restricted", "It can be used, with restrictions: c0, c1."),
+        ([Severity.WARNING, Severity.FAIL], 1, "fails", "It fails."),
+        ([Severity.FAIL, Severity.DEGENERATE, Severity.WARNING], 3, "degenerate", "It is open."),
+    ],
+)
+def test_there_is_one_verdict_on_the_page_in_json_and_as_exit_code(
+    severities: list[Severity], code: int, judgement: str, sentence: str
+) -> None:
+    findings = [Finding(severity, f"c{number}", "x", "y") for number, severity in enumerate(severities)]
+    page = replace(result(*findings), restricted="It can be used")
+    data, html = json.loads(json_text(page)), html_text(page)
+    assert (page.exit_code, page.verdict) == (code, sentence)
+    assert (data["exit_code"], data["judgement"], data["verdict"]) == (code, judgement, sentence)
+    assert sentence in html
+    assert [other for other in VERDICTS.values() if other in html] == (
+        [sentence] if sentence in VERDICTS.values() else []
+    )
 
 
 def test_keys_of_the_json_file_keep_their_order() -> None:

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binom, chi2, kstest
 
-from palletloc.evaluation.requirement import Requirement, Verdict, check_requirement
+from palletloc.evaluation.requirement import Requirement, Verdict, check_requirement, needed_errors
 from palletloc.evaluation.statistics import (
     Consistency,
     chi_square_check,
@@ -179,6 +179,7 @@ def test_59_good_errors_show_95_percent_and_58_do_not_and_errors_outside_that_it
     # 0.95 ** 59 < 0.05 < 0.95 ** 58
     assert check_requirement(np.zeros((59, 4))).together.verdict is Verdict.MET
     assert check_requirement(np.zeros((58, 4))).together.verdict is Verdict.UNDECIDED
+    assert check_requirement(np.zeros((58, 4))).together.needed == 59
     # one outside has a chance of 0.1, two of 0.01
     requirement = Requirement(share=0.9, confidence=0.95)
     assert check_requirement(np.ones((1, 4)), requirement).together.verdict is Verdict.UNDECIDED
@@ -207,3 +208,16 @@ def test_an_impossible_requirement_and_errors_of_another_shape_are_refused(wrong
         Requirement(**wrong)
     with pytest.raises(ValueError, match=r"expected \(n, 4\), got \(4,\)"):
         check_requirement(np.zeros(4))
+
+
+@pytest.mark.parametrize("outside", [0, 1, 3, 20])
+def test_as_many_errors_as_are_said_decide_and_one_less_does_not(outside: int) -> None:
+    requirement = Requirement()
+    needed = needed_errors(outside, requirement)
+    offsets = np.zeros((needed, 4))
+    offsets[:outside] = 1.0
+    assert check_requirement(offsets).together.verdict is Verdict.MET
+    checked = check_requirement(offsets[:-1]).together
+    assert checked.verdict is Verdict.UNDECIDED
+    assert checked.needed == needed
+    assert checked.decision == f"{needed} errors decide if no more than {outside} are outside; there are {needed - 1}"

@@ -315,10 +315,10 @@ def test_the_faults_that_were_found_are_right_now(tmp_path: Path, folder: Path, 
     assert truth.forklift.x.tolist() == [0.0, 0.1, 0.2]
     assert "line 3: is line 2 again" in truth.notes[0]
     for name in ("odometry.csv", "shots.csv"):
+        before = (folder / name).read_bytes()
         (folder / name).write_bytes((faults / "stamps-in-nanoseconds" / name).read_bytes())
         with pytest.raises(InputError, match=rf"{name}: time_s: 1\.7e18: nanoseconds\?"):
             read_recording(folder)
-    with pytest.raises(
-        TableError, match=r"measurements\.csv, line 2: time_s: expected seconds .* are these nanoseconds\?"
-    ):
+        (folder / name).write_bytes(before)
+    with pytest.raises(TableError, match=r"measurements\.csv, line 2: time_s: .* are these nanoseconds\?"):
         read_measurements(faults / "stamps-in-nanoseconds" / "measurements.csv")

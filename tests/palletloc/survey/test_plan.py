@@ -156,7 +156,7 @@ def test_a_table_gives_its_points(tmp_path: Path) -> None:
     [
         ("name,x_m,y_m\nA,1,2\n", r"line 1: column 'z_m' is missing"),
         ("name,x_ft,y_m,z_m\nA,1,2,3\n", r"line 1: unknown column 'x_ft'; known are name, x_m, y_m, z_m"),
-        ("name,x_m,y_m,z_m,code\nA,1,2,3,t\n", r"line 1: unknown column 'code'"),
+        ("name,x_m,y_m,z_m,colour\nA,1,2,3,t\n", r"line 1: unknown column 'colour'"),
         ("name,x_m,y_m,z_m\nA,1,2,3\nA,1,2,3\n", r"line 3: name: 'A' stands in line 2 already"),
         ("name,x_m,y_m,z_m\nA,1,nan,3\n", r"line 2: y_m: expected a finite number"),
         ("name,x_m,y_m,z_m\nA,1,2\n", r"line 2: expected 4 cells, got 3"),

@@ -220,8 +220,8 @@ def _clocks(recording: Recording) -> str:
     apart = max(span[0] - shots[1], shots[0] - span[1])
     if apart <= recording.odometry.margin:
         return ""
-    first, last, begin, end, gap = seconds(*shots, *span, apart)
-    return f"; shots are from {first} s to {last} s, odometry from {begin} s to {end} s: {gap} s apart"
+    first, last, begin, end = seconds(*shots, *span)
+    return f"; shots are from {first} s to {last} s, odometry from {begin} s to {end} s: {apart:.12g} s apart"
 
 
 def _telling(events: Iterable[Event]) -> Iterator[Event]:

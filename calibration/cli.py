@@ -10,6 +10,7 @@ import typer
 
 from palletloc.cli import options
 from palletloc.cli.help import BOARD, FLAG, INPUT, MEASURING, RESULTS, TAGS, PlainCommand, PlainGroup, examples
+from palletloc.cli.options import within
 from palletloc.cli.showing import Shown, shows, working
 from palletloc.errors import PalletLocError
 
@@ -101,13 +102,27 @@ def shelf(
         ),
     ] = "uprights",
     tag_size: Annotated[
-        float | None, typer.Option(rich_help_panel=TAGS, min=0.01, help="Side of tags on the uprights, in metres.")
+        float | None,
+        typer.Option(
+            rich_help_panel=TAGS,
+            min=0.01,
+            max=10,
+            callback=within(0.01, 10),
+            help="Side of tags on the uprights, in metres.",
+        ),
     ] = None,
     tag_dictionary: Annotated[
         str, typer.Option(rich_help_panel=TAGS, help="Of these tags, as OpenCV names it.")
     ] = "DICT_APRILTAG_36h11",
     tag_offset: Annotated[
-        float, typer.Option(rich_help_panel=TAGS, help="How far their faces lie before the front, in metres.")
+        float,
+        typer.Option(
+            rich_help_panel=TAGS,
+            min=-1,
+            max=1,
+            callback=within(-1, 1),
+            help="How far their faces lie before the front, in metres.",
+        ),
     ] = 0.0,
 ) -> Shown:
     """Find the front plane of a shelf from a recording; by default around the plane that it states."""
@@ -145,6 +160,7 @@ def check(
             rich_help_panel=MEASURING,
             min=0.01,
             max=5,
+            callback=within(0.01, 5),
             help="How far the camera may be turned about x or y, in degrees.",
         ),
     ] = 0.15,
@@ -179,13 +195,29 @@ def _shown(page: ResultPage, files: Sequence[Path]) -> Shown:
 @shows
 def board(
     out: Annotated[Path, typer.Option(rich_help_panel=RESULTS, metavar="PDF", help="File to write.")],
-    columns: Annotated[int, typer.Option(rich_help_panel=BOARD, min=2, help="Squares side by side.")] = 7,
-    rows: Annotated[int, typer.Option(rich_help_panel=BOARD, min=2, help="Squares one above the other.")] = 5,
+    columns: Annotated[int, typer.Option(rich_help_panel=BOARD, min=2, max=100, help="Squares side by side.")] = 7,
+    rows: Annotated[
+        int, typer.Option(rich_help_panel=BOARD, min=2, max=100, help="Squares one above the other.")
+    ] = 5,
     square: Annotated[
-        float, typer.Option(rich_help_panel=BOARD, min=1, help="Side of a square, in millimetres.")
+        float,
+        typer.Option(
+            rich_help_panel=BOARD,
+            min=1,
+            max=10_000,
+            callback=within(1, 10_000),
+            help="Side of a square, in millimetres.",
+        ),
     ] = 100.0,
     marker: Annotated[
-        float, typer.Option(rich_help_panel=BOARD, min=1, help="Side of a marker, in millimetres.")
+        float,
+        typer.Option(
+            rich_help_panel=BOARD,
+            min=1,
+            max=10_000,
+            callback=within(1, 10_000),
+            help="Side of a marker, in millimetres.",
+        ),
     ] = 75.0,
     dictionary: Annotated[
         str, typer.Option(rich_help_panel=BOARD, help="Of the markers, as OpenCV names it.")
@@ -255,7 +287,14 @@ def convert(
         int | None, typer.Option(rich_help_panel=INPUT, help="Which camera of several, from 0 on.")
     ] = None,
     max_angle_deg: Annotated[
-        float, typer.Option(rich_help_panel=MEASURING, min=1.0, max=180.0, help="How far off axis counts.")
+        float,
+        typer.Option(
+            rich_help_panel=MEASURING,
+            min=1.0,
+            max=180.0,
+            callback=within(1.0, 180.0),
+            help="How far off axis counts.",
+        ),
     ] = 180.0,
 ) -> Shown:
     """Convert a camera file to the form of another program, or to another lens model."""

@@ -4,8 +4,56 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
+
+import numpy as np
 
 from palletloc.geometry import FloatArray, LevelPose
+
+_REAL = (float, int, np.floating, np.integer)
+"""What a number may be."""
+_ASYMMETRY = 1e-6
+"""How much two numbers of a covariance that should be equal may differ, as a part of the geometric mean of their
+variances: files have seven digits, and rounding in an inverse leaves less."""
+_LEAST_CORRELATION = -1e-5
+"""Smallest eigenvalue of the correlations of a covariance with seven digits."""
+
+
+def covariance_fault(given: object) -> str:
+    """Return what is wrong with the covariance of a pose; nothing where it is one.
+
+    Parameters
+    ----------
+    given : (4, 4) array
+        As it came; zero where nothing is stated.
+
+    Returns
+    -------
+    str
+        What was expected, where it is not real, finite, symmetric and positive semidefinite.
+
+    Examples
+    --------
+    >>> covariance_fault(np.diag([1e-4, 1e-4, 0.0, 1e-4]))
+    ''
+    >>> covariance_fault(np.diag([1e-4, 1e-4, -1e-4, 1e-4]))
+    'expected a positive semidefinite matrix'
+    """
+    if not isinstance(given, np.ndarray) or given.shape != (4, 4) or given.dtype.kind not in "fiu":
+        what = f"an array of {given.dtype} {given.shape}" if isinstance(given, np.ndarray) else type(given).__name__
+        return f"expected 4 x 4 real numbers, got {what}"
+    if not np.isfinite(given).all():
+        return "expected finite numbers"
+    variances = given.diagonal().astype(np.float64)
+    scale = np.sqrt(np.maximum(variances, 1e-300))
+    with np.errstate(over="ignore"):  # beside a variance that is next to none
+        correlations = given / scale / scale[:, None]
+    bounded = np.clip(correlations, -2.0, 2.0)
+    if (np.abs(bounded - bounded.T) > _ASYMMETRY).any():
+        return "expected a symmetric matrix"
+    if variances.min() < 0 or np.linalg.eigvalsh(bounded)[0] < _LEAST_CORRELATION:
+        return "expected a positive semidefinite matrix"
+    return ""
 
 
 class YawSource(StrEnum):
@@ -103,6 +151,19 @@ class PalletMeasurement:
     """Which line gave the yaw."""
     file: str = ""
     """The shot's image, as the recording names it."""
+
+    def __post_init__(self) -> None:
+        """Refuse what no measurement can state."""
+        given: dict[str, Any] = {name: getattr(self, name) for name in ("model", "file", "score")}
+        model, file, score = given.values()
+        if not isinstance(model, str) or not model:
+            raise ValueError(f"model: expected the name of a pallet model, got {model!r:.60}")
+        if not isinstance(file, str):
+            raise ValueError(f"file: expected a text, got {file!r:.60}")
+        if isinstance(score, bool) or not isinstance(score, _REAL) or not 0 <= score <= 1:
+            raise ValueError(f"score: expected a number from 0 to 1, got {score!r:.60}")
+        if problem := covariance_fault(self.covariance):
+            raise ValueError(f"covariance: {problem}")
 
 
 @dataclass(frozen=True, slots=True)

@@ -49,15 +49,14 @@ class Range:
 
 _OTHER_UNITS: Mapping[str, Sequence[tuple[str, float]]] = {
     "metres": (("millimetres", 1e-3),),
-    "seconds": (("milliseconds", 1e-3), ("microseconds", 1e-6), ("nanoseconds", 1e-9)),
+    "seconds": (("milliseconds", 1e-3),),
     "radians": (("degrees", math.pi / 180),),
 }
 """Units that people and programs write in place of ours, and what makes ours of them."""
 
 RANGES = (
-    Range("time_s", -1e11, 1e11, "seconds", "some thousand years"),
     Range("exposure_s", 0, 10, "seconds", "as long as a shutter may be open"),
-    Range("*_s", -1e11, 1e11, "seconds", "some thousand years"),
+    Range("*_s", -1e20, 1e20, "seconds", "which are more than a clock counts, nanoseconds even"),
     Range("levels_m", -10, 50, "metres", "heights in a rack"),
     Range("translation_m", -100, 100, "metres", "places on a vehicle"),
     Range("*sigma_m", 0, 10, "metres", "how far off a point may be"),

@@ -62,6 +62,7 @@ def track(
     """
     from palletloc.config import LocalizerConfig
     from palletloc.io.config_file import read_config
+    from palletloc.io.folder_lock import locked
     from palletloc.io.recording import read_recording
     from palletloc.mounting_yaw import seen_turn, turn_document, turn_lines
     from palletloc.recording_run import read_job
@@ -76,15 +77,18 @@ def track(
         given = read_recording(recording)
         say_all(given.notes)
         truth = _truth_of(given)
-        inputs = Inputs(given, read_measured(measurements, given))
+        inputs: Inputs | None = Inputs(given, read_measured(measurements, given))
     else:
         job = read_job(recording, method, parameters)
         say_all(job.recording.notes)
         truth = _truth_of(job.recording)
-        inputs = _localized(job, out, (strict, resume, verbose), config)
-    run = _tracked(inputs, tracker, smooth=smooth)
-    check_used(run)
-    write_run(out, run, _picture(run, truth))
+        inputs = None
+    with locked(out):
+        if inputs is None:
+            inputs = _localized(job, out, (strict, resume, verbose), config)
+        run = _tracked(inputs, tracker, smooth=smooth)
+        check_used(run)
+        write_run(out, run, _picture(run, truth))
     turn = seen_turn(inputs.measured, inputs.recording.odometry, inputs.recording.forklift_from_camera)
     document = {**_document(inputs, run, out), **turn_document(turn)}
     pages = [f"look at {out / OVERVIEW}"] if measurements is None else []

@@ -26,6 +26,7 @@ from palletloc.evaluation.run import (
 )
 from palletloc.evaluation.truth import RecordingTruth, read_recording_truth
 from palletloc.io.atomic import write_text
+from palletloc.io.folder_lock import locked
 from palletloc.io.run_folder import MEASUREMENTS, Run, RunFolder
 from palletloc.io.truth import read_truth
 from palletloc.recording_run import Job, ShotOutcome, read_job, work_through
@@ -51,7 +52,7 @@ def run_demo(out: Path) -> Shown:
     """
     from palletloc.report.demo_page import later_start  # drawing is slow to import
 
-    with as_file(files("palletloc") / "sample") as sample, working("Localizing") as now:
+    with locked(out), as_file(files("palletloc") / "sample") as sample, working("Localizing") as now:
         job, truth = read_job(sample), read_recording_truth(sample)
         outcomes = _localize(job, out, sample)
         now("Tracking")

@@ -142,7 +142,11 @@ def _record(annotation: type, plain: Any, place: str) -> Any:
         raise fault(f"{inside}{missing[0]}", "is missing")
     if unknown:
         raise fault(f"{inside}{unknown[0]}"[:200], "is unknown")
-    return annotation(**{name: value_of(hint, plain[name], f"{inside}{name}") for name, hint in hints.items()})
+    parts = {name: value_of(hint, plain[name], f"{inside}{name}") for name, hint in hints.items()}
+    try:
+        return annotation(**parts)
+    except ValueError as error:
+        raise fault(place, str(error)) from None
 
 
 def _number(plain: Any, place: str) -> float:

@@ -198,11 +198,11 @@ def check_used(run: TrackedRecording) -> None:
     Raises
     ------
     UselessInputError
-        If no measurement went to the place of a track or began one, or no odometry could be used; gives the first
-        reason.
+        If no measurement began a track, or no odometry could be used; gives the first reason.
     """
-    reasons = [event.reason for event in run.events if event.kind is EventKind.REJECTED]
-    used = any(event.track is not None or event.kind is EventKind.GATED for event in run.events)
+    useless = (EventKind.REJECTED, EventKind.GATED, EventKind.TOO_LATE, EventKind.TIME_JUMP)
+    reasons = [event.reason for event in run.events if event.kind in useless]
+    used = any(event.kind is EventKind.ACCEPTED and event.track is not None for event in run.events)
     samples = len(run.recording.odometry.times)
     if run.measured and not used:
         what = f"none of {len(run.measured)} measurements"
@@ -210,7 +210,7 @@ def check_used(run: TrackedRecording) -> None:
         what = f"none of {samples} rows of odometry"
     else:
         return
-    first = reasons[0] if reasons else "no odometry at its time"
+    first = next(filter(None, reasons), "no odometry at its time")
     raise UselessInputError(f"{run.recording.folder}: {what} can be used; the first: {first}{_clocks(run.recording)}")
 
 

@@ -200,6 +200,7 @@ def read_memory(snapshot: Mapping[str, Any]) -> Memory:
     if type(version) is not int or version != VERSION:
         raise SnapshotError(f"snapshot: version: expected {VERSION}, got {shown(version)}")
     memory: Memory = value_of(Memory, plain, "")
+    _check_unique(memory)
     _check_belief(memory)
     _check_times(memory)
     for i, shot in enumerate(memory.latency_shots):
@@ -224,8 +225,41 @@ def _check_belief(memory: Memory) -> None:
         _check_state(track.state, 1, f"tracks.{i}.state")
         if not _own_part_agrees(track.state, known[track.key]):
             raise fault(f"tracks.{i}.state", "expected what its group knows of the pallet")
+        _check_counts(track, memory.time, f"tracks.{i}")
         for j, series in enumerate(track.rejected):
             _check_state(series.state, 1, f"tracks.{i}.rejected.{j}.state")
+
+
+def _check_counts(track: Track, time: float | None, place: str) -> None:
+    """Raise where a track has counts or times that no track can have."""
+    if min(track.hits, *(series.hits for series in track.rejected), track.hits) < 1:
+        raise fault(f"{place}.hits", "expected at least one measurement")
+    if track.misses < 0:
+        raise fault(f"{place}.misses", f"expected none or more, got {track.misses}")
+    if time is not None and track.seen > time:
+        raise fault(
+            f"{place}.seen", f"expected a time up to that of the belief, {time:.6g} s, got {track.seen:.6g} s"
+        )
+    if not track.model:
+        raise fault(f"{place}.model", "expected the name of a pallet model")
+    for name, values in (("nis", () if track.nis is None else (track.nis,)), ("ratios", track.ratios)):
+        if min(values, default=0.0) < 0:
+            raise fault(f"{place}.{name}", "expected squares, which are not negative")
+
+
+def _check_unique(memory: Memory) -> None:
+    """Raise where something is named twice that is there once."""
+    named: dict[str, list[object]] = {
+        "tracks": [track.key for track in memory.tracks],
+        "numbers": [key for key, _ in memory.numbers],
+        "numbers of tracks": [number for _, number in memory.numbers],
+        "ended": [key for key, _ in memory.ended],
+        "statuses": [number for number, _ in memory.statuses],
+        "dispositions": [key for key, _ in memory.dispositions],
+    }
+    for name, values in named.items():
+        if len(set(values)) < len(values):
+            raise fault(name, "expected each one once")
 
 
 def _check_times(memory: Memory) -> None:
@@ -243,6 +277,8 @@ def _check_times(memory: Memory) -> None:
             raise fault(name, f"expected none after the newest time, {memory.newest}")
     if shots and memory.time is not None and shots[0] <= memory.time:
         raise fault("shots", f"expected them after what is believed before them, at {memory.time:.6g} s")
+    if memory.latency_since < 0:
+        raise fault("latency_since", f"expected none or more shots, got {memory.latency_since}")
     numbers = [number for _, number in memory.numbers]
     if min(numbers, default=1) < 1 or memory.following <= max(numbers, default=0):
         raise fault("following", f"expected more than all numbers, which are positive, got {memory.following}")

@@ -47,6 +47,7 @@ def localize(
     """
     from palletloc.config import LocalizerConfig
     from palletloc.io.config_file import read_config
+    from palletloc.io.folder_lock import locked
     from palletloc.io.run_folder import Run, RunFolder
     from palletloc.recording_run import read_job
 
@@ -58,8 +59,9 @@ def localize(
     output = RunFolder(out, run, recording, job.shots, resume=resume)
     chosen = {"--initial": initial, "--config": config, "--method": None if method is Method.REFINED else method}
     options = tuple(word for name, value in chosen.items() if value is not None for word in (name, str(value)))
-    fill(output, job, tally, options, strict=strict, verbose=verbose)
-    return _shown(output, job, tally)
+    with locked(out):
+        fill(output, job, tally, options, strict=strict, verbose=verbose)
+        return _shown(output, job, tally)
 
 
 def fill(
@@ -91,11 +93,15 @@ def fill(
     PalletLocError
         As `palletloc.recording_run.work_through`.
     """
+    from palletloc.io.run_folder import JOURNAL
     from palletloc.report.overview_page import OVERVIEW
 
     try:
         with output:
             tally.done_before = output.done
+            if output.damaged:
+                place = output.folder / JOURNAL
+                say(f"{place}: {output.damaged} damaged entries are left out; their shots are done anew")
             _follow(job, output, tally, strict=strict, verbose=verbose)
     except KeyboardInterrupt:
         if output.done:

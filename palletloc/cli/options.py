@@ -2,13 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from palletloc.choices import Method
 from palletloc.cli.help import FLAG, INPUT, MEASURING, RESULTS
+
+
+def within(low: float, high: float) -> Callable[[Any], Any]:
+    """Return the check of an option's numbers; unlike ``min`` and ``max`` it refuses what is not a number."""
+
+    def checked(given: Any) -> Any:
+        for number in given if isinstance(given, list | tuple) else [] if given is None else [given]:
+            if not low <= number <= high:
+                raise typer.BadParameter(f"expected a number from {low:g} to {high:g}, got {number:g}")
+        return given
+
+    return checked
+
 
 RecordingFolder = Annotated[Path, typer.Argument(metavar="RECORDING", help="Folder of the recording.")]
 """The recording that a command is about."""

@@ -11,6 +11,7 @@ from rich.table import Table
 
 from palletloc.choices import CameraKind, Illumination, Side
 from palletloc.cli.help import RESULTS, SCENE, SENSOR
+from palletloc.cli.options import within
 from palletloc.cli.showing import Shown, progress, shows
 from palletloc.cli.tables import plain_table
 
@@ -25,9 +26,14 @@ def simulate(
         Path, typer.Option(metavar="DIR", rich_help_panel=RESULTS, help="Folder of the recording: new, or empty.")
     ],
     seed: Annotated[
-        int, typer.Option(rich_help_panel=SCENE, min=0, help="The same options and seed give the same recording.")
+        int,
+        typer.Option(
+            rich_help_panel=SCENE, min=0, max=2**63 - 1, help="The same options and seed give the same recording."
+        ),
     ] = 0,
-    shots: Annotated[int, typer.Option(rich_help_panel=SCENE, min=1, help="How many shots along the approach.")] = 12,
+    shots: Annotated[
+        int, typer.Option(rich_help_panel=SCENE, min=1, max=100_000, help="How many shots along the approach.")
+    ] = 12,
     width: Annotated[
         int, typer.Option(rich_help_panel=SENSOR, min=64, max=16384, help="Width of an image, in pixels.")
     ] = 1920,
@@ -53,21 +59,36 @@ def simulate(
     level: Annotated[
         list[float] | None,
         typer.Option(
-            rich_help_panel=SCENE, help="Height that loads stand on, in metres; may be repeated (0 and 1.55 if none)."
+            rich_help_panel=SCENE,
+            callback=within(0, 20),
+            help="Height that loads stand on, in metres; may be repeated (0 and 1.55 if none).",
         ),
     ] = None,
     blur: Annotated[
-        float, typer.Option(rich_help_panel=SENSOR, min=0, max=20, help="Blur, in pixels (one sigma).")
+        float,
+        typer.Option(
+            rich_help_panel=SENSOR, min=0, max=20, callback=within(0, 20), help="Blur, in pixels (one sigma)."
+        ),
     ] = 0.6,
     noise: Annotated[
-        float, typer.Option(rich_help_panel=SENSOR, min=0, max=100, help="Noise, in grey levels of 255 (one sigma).")
+        float,
+        typer.Option(
+            rich_help_panel=SENSOR,
+            min=0,
+            max=100,
+            callback=within(0, 100),
+            help="Noise, in grey levels of 255 (one sigma).",
+        ),
     ] = 1.5,
-    gain: Annotated[float, typer.Option(rich_help_panel=SENSOR, min=0.01, max=100, help="Exposure.")] = 1.0,
+    gain: Annotated[
+        float, typer.Option(rich_help_panel=SENSOR, min=0.01, max=100, callback=within(0.01, 100), help="Exposure.")
+    ] = 1.0,
     occluders: Annotated[
-        int, typer.Option(rich_help_panel=SCENE, min=0, help="Pallets that something stands before.")
+        int, typer.Option(rich_help_panel=SCENE, min=0, max=1000, help="Pallets that something stands before.")
     ] = 0,
     gloss: Annotated[
-        float, typer.Option(rich_help_panel=SCENE, min=0, max=1, help="How much the floor mirrors.")
+        float,
+        typer.Option(rich_help_panel=SCENE, min=0, max=1, callback=within(0, 1), help="How much the floor mirrors."),
     ] = 0.0,
 ) -> Shown:
     """Write a synthetic recording with its truth: an approach to a rack, drawn from a seed."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from palletloc.evaluation.breakdown import by_distance, by_pallet, by_track, distance_edges, spreads
 from palletloc.evaluation.comparison import PairedDifference
-from palletloc.evaluation.pose_error import COMPONENTS, PoseError
+from palletloc.evaluation.pose_error import COMPONENTS, PoseError, squared_errors
 from palletloc.evaluation.requirement import Requirement, RequirementCheck
 from palletloc.evaluation.run import (
     RESAMPLES,
@@ -25,6 +25,7 @@ from palletloc.evaluation.run import (
 from palletloc.evaluation.run_match import DetectionRate
 from palletloc.evaluation.statistics import Proportion, Spread, chi_square_check
 from palletloc.evaluation.truth import RecordingTruth, survey_notes
+from palletloc.mounting_yaw import turn_document
 from palletloc.survey.polar import FaceErrors, instrument_errors
 from palletloc.survey.truth import PlacedBody, SurveyedTruth
 
@@ -73,6 +74,7 @@ def metrics_document(
                 "name": run.files.name,
                 "estimate": str(run.files.folder),
                 "sources": {name: _source(source, settings) for name, source in run.sources.items()},
+                **turn_document(run.turn),
             }
             for run in runs
         ],
@@ -226,13 +228,13 @@ def check_document(check: RequirementCheck) -> Document:
 
 def _consistency(errors: Sequence[PoseError]) -> Document:
     """Return NEES against chi-square, and how many errors lie within two standard deviations."""
-    check = chi_square_check([error.nees_with_truth for error in errors], 4)
+    check = chi_square_check(squared_errors(errors), 4)
     normalised = np.array([error.normalised for error in errors]).reshape(-1, 4)
     inside = (np.abs(normalised) <= 2).mean(axis=0) if len(errors) else np.full(4, np.nan)
     return {
         "nees": {
             "n": check.n,
-            "improper": check.improper,
+            "improper": check.unknown,
             "expected": check.expected,
             "mean": check.mean,
             "median": check.median,
@@ -260,7 +262,7 @@ def _stop(stop: StopErrors) -> Document:
         "mean_m": {name: float(value) for name, value in zip(COMPONENTS[:3], accuracy.mean, strict=True)},
         "truth_sigma_m": {name: float(value) for name, value in zip(COMPONENTS[:3], truth, strict=False)},
         "truth_sigma_yaw_deg": math.degrees(truth[3]),
-        "nees_mean": float(np.mean([error.nees_with_truth for error in stop.errors])),
+        "nees_mean": chi_square_check(squared_errors(stop.errors), 4).mean,
     }
 
 

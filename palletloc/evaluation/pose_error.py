@@ -267,6 +267,12 @@ def _pallet_from_forklift(yaw: float) -> FloatArray:
     return np.array([[cos, sin, 0, 0], [-sin, cos, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
 
 
+def squared_errors(errors: Sequence[PoseError]) -> FloatArray:
+    """Return (n,) `PoseError.nees_with_truth`; NaN where an estimate states no usable covariance."""
+    squares = np.array([error.nees_with_truth for error in errors], dtype=np.float64)
+    return np.where(np.isfinite(squares), squares, np.nan)
+
+
 def offsets(errors: Sequence[PoseError]) -> FloatArray:
     """Return the (n, 4) errors of depth, along and height in metres, and of yaw in radians."""
     return np.array([error.offset for error in errors]).reshape(-1, 4)

@@ -14,6 +14,7 @@ from palletloc.evaluation.run import ComparedRuns, EvaluatedRun, RunFiles, Setti
 from palletloc.evaluation.truth import RecordingTruth
 from palletloc.io.atomic import write_text
 from palletloc.io.csv_table import format_number, write_rows
+from palletloc.io.folder_lock import locked
 from palletloc.io.measurements import format_time
 
 ERRORS = "errors.csv"
@@ -81,9 +82,10 @@ def write_results(evaluated: EvaluatedRecording, out: Path, others: Mapping[str,
     truth = evaluated.truth
     text = metrics_text(metrics_document(truth, evaluated.runs, evaluated.settings, evaluated.compared))
     kind = "survey" if truth.path is None else "path"
-    write_rows(out / ERRORS, ERROR_COLUMNS, (row for run in evaluated.runs for row in _rows(run, kind)))
-    for name, content in {METRICS: text, **(others or {})}.items():
-        write_text(out / name, content)
+    with locked(out):
+        write_rows(out / ERRORS, ERROR_COLUMNS, (row for run in evaluated.runs for row in _rows(run, kind)))
+        for name, content in {METRICS: text, **(others or {})}.items():
+            write_text(out / name, content)
 
 
 def _rows(run: EvaluatedRun, truth: str) -> Iterator[list[str]]:

@@ -12,6 +12,9 @@ from scipy.special import betaincinv, gammaincinv
 
 from palletloc.geometry import FloatArray
 
+LEAST_VARIANCE = 1e-18
+"""Variance below which none is stated, in square metres and radians: nothing is known to a nanometre."""
+
 
 @dataclass(frozen=True, slots=True)
 class Spread:
@@ -190,9 +193,9 @@ def normalised(error: FloatArray, variance: FloatArray) -> FloatArray:
     -------
     (...) array
         Standard normal where the variances are true; infinite, with the error's sign, where a variance is
-        not positive.
+        none: below `LEAST_VARIANCE`.
     """
-    proper = np.asarray(variance) > 0
+    proper = np.asarray(variance) > LEAST_VARIANCE
     sigma = np.sqrt(np.where(proper, variance, 1.0))
     return np.asarray(np.where(proper, error / sigma, np.copysign(np.inf, error)))
 
@@ -211,10 +214,10 @@ def nees(error: FloatArray, covariance: FloatArray) -> float:
     -------
     float
         Chi-square with k degrees of freedom where the covariance is true, so k on average; infinite where
-        the covariance is none (not positive definite).
+        the covariance is none: its least eigenvalue is below `LEAST_VARIANCE`.
     """
     variances, axes = np.linalg.eigh(covariance)
-    if not variances[0] > 0:
+    if not variances[0] > LEAST_VARIANCE:
         return math.inf
     return float(((axes.T @ error) ** 2 / variances).sum())
 

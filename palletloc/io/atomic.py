@@ -4,23 +4,34 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
+import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from palletloc.errors import PalletLocError
 from palletloc.io.reading import InputError
 
+PARTIAL = ".partial-{}-{}"
+"""Name of what is half written: the number of the process, and the name of what it shall be."""
+_LONGEST_LINE = 1 << 26
+"""Of a journal, in bytes: thousands of times that of a shot."""
+
+
+_written: set[Path] = set()
+"""What this process has written: leftovers of others are looked for once."""
+
 
 class OutputError(PalletLocError):
     """A file or folder cannot be written."""
 
 
-def cannot_write(path: Path, error: OSError) -> OutputError:
+def cannot_write(path: Path, error: Exception) -> OutputError:
     """Return the error about a path, to be raised by the caller."""
-    return OutputError(f"{path}: cannot be written: {error.strerror or error}")
+    return OutputError(f"{path}: cannot be written: {getattr(error, 'strerror', None) or error}")
 
 
 @contextmanager
@@ -46,22 +57,44 @@ def written_beside(path: Path) -> Iterator[Path]:
         If there is a folder with something in it, a parent cannot be made, or the result cannot be put in
         place.
     """
-    partial = path.with_name(f".partial-{os.getpid()}-{path.name}")
     try:
+        # What is named only by where it is, such as ".", has no name for a file beside it.
+        place = path if path.name not in ("", "..") else path.resolve()
+        partial = place.with_name(PARTIAL.format(os.getpid(), place.name))
         if path.is_dir() and any(path.iterdir()):
             raise OutputError(f"{path}: is there already; expected a new name or an empty folder")
         path.parent.mkdir(parents=True, exist_ok=True)
-        _remove(partial)
-    except OSError as error:
+        remove_partial(partial)
+        if place not in _written:
+            remove_leftovers(place.parent, place.name)
+            _written.add(place)
+    except (OSError, ValueError) as error:
         raise cannot_write(path, error) from error
     try:
         yield partial
         try:
-            partial.replace(path)
+            _put(partial, place, whole=place is path)
         except OSError as error:
             raise cannot_write(path, error) from error
     finally:
-        _remove(partial)
+        with suppress(OSError):
+            remove_partial(partial)
+
+
+def _put(partial: Path, place: Path, *, whole: bool) -> None:
+    """Give what was written its name; into a folder that somebody stands in, part by part or not at all."""
+    if whole or not place.is_dir() or not partial.is_dir():
+        partial.replace(place)
+        return
+    done: list[Path] = []
+    try:
+        for part in sorted(partial.iterdir()):
+            part.replace(place / part.name)
+            done.append(place / part.name)
+    except BaseException:
+        for part in done:
+            part.replace(partial / part.name)
+        raise
 
 
 def write_bytes(path: Path, content: bytes) -> None:
@@ -91,7 +124,39 @@ def write_text(path: Path, content: str) -> None:
     write_bytes(path, content.encode("utf-8"))
 
 
-def _remove(partial: Path) -> None:
+def remove_leftovers(folder: Path, name: str = "") -> None:
+    """Remove what processes that were killed have left half written in a folder, but nothing of one that lives.
+
+    Parameters
+    ----------
+    folder : Path
+        Looked at itself, not at folders in it.
+    name : str, optional
+        Of the file or folder that it should have become; every one if left out.
+    """
+    form = re.compile(PARTIAL.format(r"(\d+)", re.escape(name) if name else ".*").replace(".", r"\.", 1))
+    for path in folder.iterdir():
+        match = form.fullmatch(path.name)
+        if match and not _is_alive(int(match[1])):
+            with suppress(OSError):
+                remove_partial(path)
+
+
+def _is_alive(process: int) -> bool:
+    """Tell whether there is such a process; where the system does not say, there is."""
+    if sys.platform == "win32" or process == os.getpid():
+        return True
+    try:
+        os.kill(process, 0)  # asks, and sends nothing
+    except (ProcessLookupError, OverflowError):
+        return False
+    except OSError:
+        return True
+    return True
+
+
+def remove_partial(partial: Path) -> None:
+    """Remove a file, or a folder with all that is in it; nothing where there is none."""
     if partial.is_dir() and not partial.is_symlink():
         shutil.rmtree(partial)
     else:
@@ -106,7 +171,8 @@ class Journal:
     """An append-only file of JSON lines: a heading that says what the run is, then numbered entries.
 
     An entry has left the process when `append` returns: a process that is killed loses at most the entry
-    that it is writing. Only the entries' places are held in memory.
+    that it is writing. Where the disk is full, the file ends with the last whole entry. Only the entries' places are
+    held in memory.
 
     Parameters
     ----------
@@ -127,13 +193,17 @@ class Journal:
     def __init__(self, path: Path, heading: dict[str, Any] | None = None) -> None:
         self._path = path
         self._places: dict[int, int] = {}
+        self.damaged = 0
+        """Lines that were taken up and are no entries."""
+        if heading is not None:
+            write_bytes(path, _line(heading))
         with self._writing():
-            self._file = path.open("r+b" if heading is None else "w+b")
-            if heading is None:
-                self.heading = self._take_up()
-            else:
-                self.heading = heading
-                self._write(heading)
+            self._file = path.open("r+b", buffering=0)
+        try:
+            self.heading = self._take_up()
+        except BaseException:
+            self._file.close()
+            raise
 
     def append(self, number: int, entry: dict[str, Any]) -> None:
         """Add the entry of a number; it takes the place of an earlier one of the same number.
@@ -141,18 +211,30 @@ class Journal:
         Raises
         ------
         OutputError
-            If it cannot be written.
+            If it cannot be written; the journal is then as it was.
         """
+        line = memoryview(_line({"number": number, "entry": entry}))
         with self._writing():
             place = self._file.seek(0, 2)
-            self._write({"number": number, "entry": entry})
+            try:
+                while line:
+                    line = line[self._file.write(line) :]
+            except BaseException:
+                self._file.truncate(place)
+                raise
         self._places[number] = place
 
     def entries(self) -> Iterator[tuple[int, dict[str, Any]]]:
         """Yield number and entry by rising number, read from the file one by one."""
-        for number in sorted(self._places):
-            self._file.seek(self._places[number])
-            yield number, json.loads(self._file.readline())["entry"]
+        with self._path.open("rb") as file:
+            for number in sorted(self._places):
+                file.seek(self._places[number])
+                yield number, json.loads(file.readline())["entry"]
+
+    def forget(self, number: int) -> None:
+        """Leave out the entry of a number, which says what cannot be."""
+        del self._places[number]
+        self.damaged += 1
 
     def close(self, *, remove: bool) -> None:
         """Close the file, and remove it where it is no longer needed."""
@@ -161,23 +243,24 @@ class Journal:
             self._path.unlink(missing_ok=True)
 
     def _take_up(self) -> dict[str, Any]:
-        """Find the entries, cut off what follows the last whole one, and return the heading."""
-        heading = _parsed(self._file.readline())
-        if heading is None:
-            self._file.close()
-            raise JournalError(f"{self._path}: is not the journal of a run; remove it, or do not resume")
-        end = self._file.tell()
-        for line in iter(self._file.readline, b""):
-            if (value := _parsed(line)) is None or not {"number", "entry"} <= value.keys():
-                break
-            self._places[value["number"]] = end
-            end += len(line)
-        self._file.truncate(end)
+        """Find the entries, cut off a last line that is not whole, and return the heading."""
+        with self._writing(), self._path.open("rb") as file:
+            heading = parsed_json(file.readline(_LONGEST_LINE))
+            if not isinstance(heading, dict):
+                raise JournalError(f"{self._path}: is not the journal of a run; remove it, or do not resume")
+            end = file.tell()
+            for line in iter(lambda: file.readline(_LONGEST_LINE), b""):
+                if not line.endswith(b"\n"):
+                    break
+                number = _number(parsed_json(line))
+                if number is None:
+                    self.damaged += 1
+                else:
+                    self._places[number] = end
+                end += len(line)
+            if end < self._file.seek(0, 2):
+                self._file.truncate(end)
         return heading
-
-    def _write(self, value: dict[str, Any]) -> None:
-        self._file.write(json.dumps(value, allow_nan=False).encode() + b"\n")
-        self._file.flush()
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
@@ -187,10 +270,30 @@ class Journal:
             raise cannot_write(self._path, error) from error
 
 
-def _parsed(line: bytes) -> dict[str, Any] | None:
-    """Return the object of a whole line; None where there is none."""
-    try:
-        value = json.loads(line) if line.endswith(b"\n") else None
-    except ValueError:
+def _line(value: dict[str, Any]) -> bytes:
+    return json.dumps(value, allow_nan=False).encode() + b"\n"
+
+
+def _number(value: Any) -> int | None:
+    """Return the number of an entry; None where it is none."""
+    if not isinstance(value, dict) or not isinstance(value.get("entry"), dict):
         return None
-    return value if isinstance(value, dict) else None
+    number = value.get("number")
+    return number if isinstance(number, int) and not isinstance(number, bool) else None
+
+
+def parsed_json(content: bytes | str) -> Any:
+    """Return what a JSON text of this program holds; None where it is none: numbers that are no numbers, too.
+
+    A line of a journal ends with its line break; one that does not was not finished.
+    """
+    if isinstance(content, bytes) and not content.endswith(b"\n"):
+        return None
+    try:
+        return json.loads(content, parse_constant=_refuse)
+    except (ValueError, RecursionError):
+        return None
+
+
+def _refuse(constant: str) -> None:
+    raise ValueError(constant)

@@ -12,7 +12,8 @@ import numpy as np
 
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.io.csv_table import Row, format_number, read_rows, write_rows
-from palletloc.measurement import PalletMeasurement, Reason, RefusedCandidate, Stage, YawSource
+from palletloc.io.odometry_check import in_seconds
+from palletloc.measurement import PalletMeasurement, Reason, RefusedCandidate, Stage, YawSource, covariance_fault
 
 POSE_COLUMNS = ("x_m", "y_m", "z_m", "yaw_rad")
 """A level pose."""
@@ -107,10 +108,11 @@ def read_measurements(path: str | Path) -> tuple[PalletMeasurement | NoPose, ...
     InputError
         If the file cannot be read or a row is wrong; names the line.
     """
-    return tuple(_measurement(row) for row in read_rows(Path(path), MEASUREMENT_COLUMNS))
+    return tuple(parse_measurement(row) for row in in_seconds(read_rows(Path(path), MEASUREMENT_COLUMNS)))
 
 
-def _measurement(row: Row) -> PalletMeasurement | NoPose:
+def parse_measurement(row: Row) -> PalletMeasurement | NoPose:
+    """Return what a row of measurements.csv says; errors as for `Row.number`."""
     time, model, file = row.number("time_s"), row.text("model"), row.cells["file"]
     if row.is_empty(_RESULT_COLUMNS):
         return NoPose(time, model, file)
@@ -131,20 +133,22 @@ def read_covariance(row: Row) -> FloatArray:
     Raises
     ------
     TableError
-        If a cell is not a finite number, or a variance is negative.
+        If a cell is not a finite number, a variance is negative, or the matrix is not positive semidefinite.
     """
     covariance = np.zeros((4, 4))
     covariance[_UPPER] = row.numbers(COVARIANCE_COLUMNS)
     covariance += np.triu(covariance, 1).T
     if not (np.diag(covariance) >= 0).all():
         raise row.fault("cov_xx, cov_yy, cov_zz, cov_ww: expected variances, which are not negative")
+    if problem := covariance_fault(covariance):
+        raise row.fault(f"{COVARIANCE_COLUMNS[0]} to {COVARIANCE_COLUMNS[-1]}: {problem}")
     return covariance
 
 
 def read_pose(row: Row) -> LevelPose:
     """Return the level pose of a row that has `POSE_COLUMNS`; errors as for `Row.number`."""
-    *place, heading = POSE_COLUMNS
-    return LevelPose(*row.numbers(place), row.number(heading, "pallet_yaw_rad"))
+    x, y, z = row.numbers(POSE_COLUMNS[:3])
+    return LevelPose(x, y, z, row.number(POSE_COLUMNS[3], "pallet_yaw_rad"))
 
 
 def write_refusals(path: Path, refusals: Iterable[RefusedCandidate]) -> None:
@@ -154,13 +158,15 @@ def write_refusals(path: Path, refusals: Iterable[RefusedCandidate]) -> None:
 
 def read_refusals(path: str | Path) -> tuple[RefusedCandidate, ...]:
     """Read refusals.csv; errors as for `read_measurements`."""
-    return tuple(
-        RefusedCandidate(
-            row.number("time_s"),
-            row.text("model"),
-            row.choice("stage", Stage),
-            row.choice("reason", Reason),
-            row.cells["file"],
-        )
-        for row in read_rows(Path(path), REFUSAL_COLUMNS)
+    return tuple(parse_refusal(row) for row in read_rows(Path(path), REFUSAL_COLUMNS))
+
+
+def parse_refusal(row: Row) -> RefusedCandidate:
+    """Return what a row of refusals.csv says; errors as for `Row.number`."""
+    return RefusedCandidate(
+        row.number("time_s"),
+        row.text("model"),
+        row.choice("stage", Stage),
+        row.choice("reason", Reason),
+        row.cells["file"],
     )

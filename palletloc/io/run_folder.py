@@ -4,17 +4,27 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 from palletloc import __version__
-from palletloc.io.atomic import Journal, cannot_write, write_text
-from palletloc.io.csv_table import write_rows
-from palletloc.io.measurements import MEASUREMENT_COLUMNS, REFUSAL_COLUMNS, NoPose, measurement_cells, refusal_cells
+from palletloc.io.atomic import Journal, parsed_json, write_text
+from palletloc.io.csv_table import Row, TableError, shortened, write_rows
+from palletloc.io.folder_lock import locked
+from palletloc.io.measurements import (
+    MEASUREMENT_COLUMNS,
+    REFUSAL_COLUMNS,
+    NoPose,
+    format_time,
+    measurement_cells,
+    parse_measurement,
+    parse_refusal,
+    refusal_cells,
+)
 from palletloc.io.reading import InputError, read_bytes, read_text
 from palletloc.io.recording import Recording, ShotFile
 from palletloc.measurement import PalletMeasurement, RefusedCandidate
@@ -105,11 +115,21 @@ class RunFolder:
         self._resume = resume
         self._done: set[int] = set()
         self._skipped: dict[int, str] = {}
-        self._is_new = not folder.exists()
+        self._damaged = 0
         self._journal: Journal | None = None
+        self._open = ExitStack()
+        """Holds the lock of the folder."""
 
     def __enter__(self) -> Self:
-        """Make the folder, and find what is finished already."""
+        """Make the folder, keep other runs out of it, and find what is finished already."""
+        self._open.enter_context(locked(self._folder))
+        try:
+            return self._found()
+        except BaseException:
+            self._open.close()
+            raise
+
+    def _found(self) -> Self:
         if self._resume and self._is_finished():
             self._done.update(range(len(self._shots)))
             return self
@@ -117,10 +137,6 @@ class RunFolder:
         if self._resume and path.exists():
             self._journal = self._taken_up(path)
             return self
-        try:
-            self._folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise cannot_write(self._folder, error) from error
         self._journal = Journal(path, asdict(self._run))
         return self
 
@@ -133,6 +149,11 @@ class RunFolder:
     def done(self) -> int:
         """How many shots are finished, those of the resumed run included."""
         return len(self._done)
+
+    @property
+    def damaged(self) -> int:
+        """How many entries of the resumed run were damaged; their shots are done again."""
+        return self._damaged
 
     @property
     def skipped(self) -> dict[int, str]:
@@ -186,19 +207,20 @@ class RunFolder:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Write the files of what is finished, unless something went wrong."""
-        if self._journal is None:
+        with self._open:
+            self._end(self._journal, kind)
+
+    def _end(self, journal: Journal | None, kind: type[BaseException] | None) -> None:
+        if journal is None:
             return
         anything = bool(self._done or self._skipped) or not self._shots
         removable = not anything
         try:
             if anything and (kind is None or issubclass(kind, KeyboardInterrupt)):
-                self._publish(self._journal)
+                self._publish(journal)
                 removable = len(self._done) == len(self._shots)
         finally:
-            self._journal.close(remove=removable)
-            if self._is_new and not anything:
-                with suppress(OSError):
-                    self._folder.rmdir()
+            journal.close(remove=removable)
 
     def _taken_up(self, path: Path) -> Journal:
         journal = Journal(path)
@@ -208,8 +230,28 @@ class RunFolder:
             journal.close(remove=False)
             raise
         for number, entry in journal.entries():
-            self._note(number, entry)
+            if self._is_sound(number, entry):
+                self._note(number, entry)
+            else:
+                journal.forget(number)
+        self._damaged = journal.damaged
         return journal
+
+    def _is_sound(self, number: int, entry: dict[str, Any]) -> bool:
+        """Tell whether an entry is what a run writes of the shot with this number."""
+        if not 0 <= number < len(self._shots):
+            return False
+        if "skipped" in entry:
+            return isinstance(entry["skipped"], str)
+        shot = self._shots[number]
+        parts = (
+            (MEASUREMENT_COLUMNS, "measurements", parse_measurement),
+            (REFUSAL_COLUMNS, "refusals", parse_refusal),
+        )
+        return all(
+            isinstance(entry.get(part), list) and all(_is_row(cells, columns, shot, parse) for cells in entry[part])
+            for columns, part, parse in parts
+        )
 
     def _append(self, number: int, entry: dict[str, Any]) -> None:
         if self._journal is None:
@@ -254,22 +296,36 @@ class RunFolder:
         paths = [self._folder / name for name in (STATUS, MEASUREMENTS, REFUSALS)]
         if not all(path.exists() for path in paths) or (self._folder / JOURNAL).exists():
             return False
-        try:
-            status = json.loads(read_text(paths[0]))
-            run, done = dict(status["run"]), int(status["done"])
-        except (ValueError, LookupError, TypeError):
-            raise ResumeError(f"{paths[0]}: is not the status of a run; expected one to resume") from None
-        self._check_same(run)
-        return done == len(self._shots)
+        status = parsed_json(read_text(paths[0]))
+        run, done = (status.get("run"), status.get("done")) if isinstance(status, dict) else (None, None)
+        if isinstance(run, dict) and type(done) is int:
+            self._check_same(run)
+            if 0 <= done <= len(self._shots):
+                return done == len(self._shots)
+        raise ResumeError(
+            f"{paths[0]}: is not the status of a run; expected one to resume: remove it, or do not resume"
+        )
 
     def _check_same(self, earlier: dict[str, Any]) -> None:
         """Raise an error where the folder holds another run than this one."""
         for name, now in asdict(self._run).items():
             if (before := earlier.get(name)) != now:
                 raise ResumeError(
-                    f"{self._folder}: cannot resume: the run there had the {name} {before!r}, not {now!r};"
+                    f"{self._folder}: cannot resume: the run there had the {name} {shortened(before)}, not {now!r};"
                     " expected the same, or a run that does not resume"
                 )
+
+
+def _is_row(cells: Any, columns: Sequence[str], shot: ShotFile, parse: Callable[[Row], object]) -> bool:
+    """Tell whether cells are a row of a table, and of this shot."""
+    if not isinstance(cells, list) or len(cells) != len(columns) or not all(isinstance(cell, str) for cell in cells):
+        return False
+    row = Row(Path(JOURNAL), 1, dict(zip(columns, cells, strict=True)))
+    try:
+        parse(row)
+    except TableError:
+        return False
+    return (row.cells["time_s"], row.cells["file"]) == (format_time(shot.time), shot.file)
 
 
 def _digest(content: bytes) -> str:

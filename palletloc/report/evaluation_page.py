@@ -10,11 +10,13 @@ import numpy as np
 from palletloc.choices import TimeRule
 from palletloc.drawing.canvas import DEGREE, small_png
 from palletloc.evaluation.batch import BatchJob, BatchResult, evaluate_job
+from palletloc.evaluation.pose_error import squared_errors
 from palletloc.evaluation.recording import EvaluatedRecording
 from palletloc.evaluation.requirement import RequirementCheck, Verdict
 from palletloc.evaluation.run import EvaluatedRun, EvaluatedSource, Settings
 from palletloc.evaluation.statistics import chi_square_check
 from palletloc.evaluation.truth import RecordingTruth
+from palletloc.mounting_yaw import turn_lines
 from palletloc.report import evaluation_sections as sections
 from palletloc.report.approach_figures import aisle_figure, approach_figure
 from palletloc.report.error_figures import distance_figure, histogram_figure
@@ -105,6 +107,8 @@ def _setting(truth: RecordingTruth, run: EvaluatedRun, settings: Settings) -> It
 
 def _run(truth: RecordingTruth, run: EvaluatedRun, settings: Settings) -> Iterator[str]:
     yield heading(run.files.name)
+    for line in turn_lines(run.turn):
+        yield paragraph(f"{line[0].upper()}{line[1:]}.", "lead")
     for name, source in run.sources.items():
         yield from _verdict(STYLES[name].label, source)
     yield table(_SUMMARY, (row for name, source in run.sources.items() for row in _summary(name, source)))
@@ -136,7 +140,7 @@ def _verdict(label: str, source: EvaluatedSource) -> Iterator[str]:
     inside = check.together.proportion
     missing = f": {check.together.decision}" if check.together.decision else ""
     yield paragraph(f"{label[0].upper()}{label[1:]}: {_VERDICTS[check.together.verdict].lower()}{missing}.", "lead")
-    nees = chi_square_check([error.nees_with_truth for error in source.errors], 4)
+    nees = chi_square_check(squared_errors(source.errors), 4)
     share = f"{100 * inside.low:.1f} to {100 * inside.high:.1f} %"
     figures = [
         (inside.counted, f"errors inside; {share} at {100 * inside.confidence:g} %"),

@@ -1,5 +1,6 @@
 """Recordings that contradict themselves, through the commands that read them."""
 
+import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -90,6 +91,10 @@ def test_a_camera_that_is_turned_is_told_in_one_line(
     assert turn == pytest.approx(-turned_deg, abs=0.1)
     assert yaw == pytest.approx(-turned_deg, abs=0.1)
     assert 0.1 < sigma < 0.4
+    if command == "evaluate":
+        (document,) = json.loads(Path("out/metrics.json").read_text())["runs"]
+        assert document["mounting_yaw_off_deg"] == pytest.approx(-turned_deg, abs=0.1)
+        assert document["mounting_yaw_sigma_deg"] == pytest.approx(sigma, abs=0.006)
 
 
 FAULTS = Path(__file__).resolve().parents[2].parent / "shared/data/faults"

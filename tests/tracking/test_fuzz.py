@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from palletloc.geometry import LevelPose
 from palletloc.measurement import PalletMeasurement, YawSource
+from tests.tracking.unchecked import unchecked
 from tracking import EventKind, Odometry, PalletTracker, PartialMeasurement, ShotTaken, Twist, UnknownTrackError
 from tracking.observation import COMPONENTS
 from tracking.tracker import Input
@@ -49,7 +50,8 @@ def partials(draw: st.DrawFn) -> PartialMeasurement:
 
 
 def wholes(time: float, model: str, pose: LevelPose, covariance: np.ndarray) -> PalletMeasurement:
-    return PalletMeasurement(time, model, pose, covariance, 0.5, YawSource.TOP)
+    sound = PalletMeasurement(time, model, pose, np.eye(4), 0.5, YawSource.TOP)
+    return unchecked(sound, covariance=covariance)
 
 
 INPUTS = st.one_of(

@@ -21,6 +21,7 @@ from palletloc.recording_run import read_job
 from palletloc.shelf import ShelfPlane
 from palletloc.track_status import Status
 from palletloc.trajectory import Trajectory
+from tests.tracking.unchecked import unchecked
 from tracking.config import LifeConfig, MeasurementErrors, TrackerConfig
 from tracking.events import EventKind
 from tracking.files import read_events, track_row
@@ -194,7 +195,7 @@ def test_shots_stamped_late_are_smoothed_at_their_stamps(latency: float) -> None
 
 def test_events_tell_of_measurements_and_tracks_to_the_end_but_not_of_samples() -> None:
     whole = recording(4)
-    wrong = replace(measured(whole)[4], covariance=-np.eye(4))
+    wrong = unchecked(measured(whole)[4], covariance=-np.eye(4))
     config = TrackerConfig(life=LifeConfig(max_coast_s=1.0))
     run = track_recording(whole, [*measured(whole), wrong], config)
     kinds = [event.kind for event in run.events]

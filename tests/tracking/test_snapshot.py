@@ -135,6 +135,15 @@ def broken(snapshot: dict[str, Any], place: Sequence[Any], value: Any) -> dict[s
         ("odometry.0.time", 1e9, "odometry: expected"),
         ("statuses.0.1", "sure", r"statuses\.0\.1: expected one of tentative, confirmed, coasting, got 'sure'"),
         ("statuses.0", [1], r"statuses\.0: expected 2 values, got 1"),
+        ("tracks.0.hits", 0, r"tracks\.0\.hits: expected at least one measurement"),
+        ("tracks.0.misses", -1, r"tracks\.0\.misses: expected none or more, got -1"),
+        ("tracks.0.seen", 1e6, r"tracks\.0\.seen: expected a time up to"),
+        ("tracks.0.model", "", r"tracks\.0\.model: expected the name of a pallet model"),
+        ("tracks.0.ratios", [-1.0], r"tracks\.0\.ratios: expected squares"),
+        ("latency_since", -1, "latency_since: expected none or more shots"),
+        ("shots.0.1.0.score", 2.0, r"shots\.0\.1\.0: score: expected a number from 0 to 1"),
+        ("shots.0.1.0.model", "", r"shots\.0\.1\.0: model: expected the name of a pallet model"),
+        ("shots.0.1.0.covariance.0.0", -1.0, r"shots\.0\.1\.0: covariance: expected a"),
         ("elsewhere", 3.0, "elsewhere: expected a list, got 3.0"),
         ("numbers", [], "numbers: expected a number for every track"),
         ("latency_shots.0.around", [1.0], r"latency_shots\.0: expected an array of shape"),
@@ -154,6 +163,17 @@ def test_what_is_wrong_with_a_snapshot_is_said_in_one_line(
         PalletTracker.restore(broken(tracker.snapshot(), place, value))
     assert "\n" not in str(fault.value)
     assert str(fault.value).startswith("snapshot: ")
+
+
+@pytest.mark.parametrize("name", ["tracks", "numbers", "statuses"])
+def test_what_is_named_twice_is_no_snapshot(make_site: SiteMaker, name: str) -> None:
+    site, tracker = make_site(4), PalletTracker()
+    for k in range(100):
+        tracker.push([Odometry(k / 20, site.forklift(k / 20)), *([site.measured(0, k / 20)] if k % 4 == 0 else [])])
+    snapshot = json.loads(json.dumps(tracker.snapshot()))
+    snapshot[name].append(snapshot[name][0])
+    with pytest.raises(SnapshotError, match=f"snapshot: {name}: expected each one once"):
+        PalletTracker.restore(snapshot)
 
 
 def places_in(plain: Any, place: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:

@@ -173,23 +173,24 @@ MEASUREMENTS_HEADER = (
     "time_s,file,model,x_m,y_m,z_m,yaw_rad,cov_xx,cov_xy,cov_xz,cov_xw,cov_yy,cov_yz,cov_yw,cov_zz,cov_zw,cov_ww"
     ",score,yaw_from"
 )
+SPREAD = np.diag([4e-6, 9e-6, 1e-6, 1e-6]) + np.diag([1e-6, 0.0, 0.0], 1) + np.diag([1e-6, 0.0, 0.0], -1)
 POSE = LevelPose(2.0271234, -1.521, 0.0, -0.25)
 
 
 def measured(time: float = 0.336842, pose: LevelPose = POSE, covariance: object = None) -> PalletMeasurement:
-    matrix = np.diag([4e-6, 9e-6, 1e-6, 1e-6]) if covariance is None else np.array(covariance)
+    matrix = SPREAD if covariance is None else np.array(covariance)
     return PalletMeasurement(time, "t11", pose, matrix, 0.8125, YawSource.BOTTOM, "images/1.jpg")
 
 
 def test_the_file_is_what_the_documentation_says(tmp_path: Path) -> None:
-    covariance = np.arange(16.0).reshape(4, 4)
+    covariance = np.array([[20, 1, 2, 3], [1, 15, 6, 7], [2, 6, 30, 11], [3, 7, 11, 40.0]])
     write_measurements(tmp_path / "m.csv", [measured(covariance=covariance), NoPose(1.5, "epal", "b,c.jpg")])
     header, row, empty = (tmp_path / "m.csv").read_text().splitlines()
     assert header == MEASUREMENTS_HEADER
     assert row == (
         "0.336842,images/1.jpg,t11,2.027123,-1.521000,0.000000,-0.250000,"
-        "0.000000e+00,1.000000e+00,2.000000e+00,3.000000e+00,5.000000e+00,6.000000e+00,7.000000e+00,"
-        "1.000000e+01,1.100000e+01,1.500000e+01,0.8125,bottom"
+        "2.000000e+01,1.000000e+00,2.000000e+00,3.000000e+00,1.500000e+01,6.000000e+00,7.000000e+00,"
+        "3.000000e+01,1.100000e+01,4.000000e+01,0.8125,bottom"
     )
     assert empty == '1.5,"b,c.jpg",epal' + "," * 16
 
@@ -225,6 +226,12 @@ def test_measurements_written_are_measurements_read(values: list[tuple[float, Le
         ("-1.521000", "", r"line 2: y_m: expected a finite number, got ''"),
         ("-1.521000", "nan", r"line 2: y_m: expected a finite number, got 'nan'"),
         ("4.000000e-06", "-4.000000e-06", r"line 2: cov_xx, .*expected variances"),
+        ("4.000000e-06", "0", r"line 2: cov_xx to cov_ww: expected a positive semidefinite matrix"),
+        ("4.000000e-06", "1e-320", r"line 2: cov_xx to cov_ww: expected a positive semidefinite matrix"),
+        ("4.000000e-06", "1e7", r"line 2: cov_xx: expected square metres and radians from -1e\+06 to 1e\+06"),
+        ("0.8125", "1.5", r"line 2: score: expected a rank from 0 to 1, .*; got 1\.5"),
+        ("-1.521000", "-1.5e300", r"line 2: y_m: expected metres from -1e\+08 to 1e\+08"),
+        ("-0.250000", "-90", r"line 2: yaw_rad: expected radians .*; got -90; are these degrees\?"),
         ("bottom", "botom", r"line 2: yaw_from: unknown word 'botom'; did you mean 'bottom'\?"),
         ("t11", "", r"line 2: model: expected a text"),
         ("0.336842", "", r"line 2: time_s: expected a finite number"),
@@ -243,7 +250,6 @@ def test_a_bad_row_is_an_error_with_file_and_line(tmp_path: Path, old: str, new:
     "row",
     [
         measured(pose=LevelPose(1.0, float("nan"), 0.0, 0.0)),
-        measured(covariance=np.full((4, 4), np.inf)),
         measured(time=float("nan")),
         NoPose(float("inf"), "t11"),
     ],

@@ -104,4 +104,4 @@ def test_no_board_that_a_person_sees_is_lost(render: Render) -> None:
         errors += [] if corners is None else [off_truth(camera, pose, corners)]
     assert lost == 0
     assert np.median(errors) < 0.08
-    assert max(errors) < 0.5
+    assert max(errors) < 1.0

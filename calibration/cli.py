@@ -18,6 +18,11 @@ if TYPE_CHECKING:
     from calibration.result_page import ResultPage
 
 
+_Yaml = Annotated[
+    Path,
+    typer.Option("--out", rich_help_panel=RESULTS, metavar="YAML", help="File to write; reports go beside it."),
+]
+"""The file that a calibration gives."""
 _Report = Annotated[
     Path | None,
     typer.Option("--out", rich_help_panel=RESULTS, metavar="HTML", help="File for the report; JSON goes beside it."),
@@ -27,12 +32,7 @@ _Report = Annotated[
 
 @shows
 def extrinsics(
-    out: Annotated[
-        Path,
-        typer.Option(
-            rich_help_panel=RESULTS, metavar="YAML", help="File for camera and mounting; reports go beside it."
-        ),
-    ],
+    out: _Yaml,
     folder: Annotated[
         Path | None, typer.Argument(metavar="[FOLDER]", help="With extrinsics.yaml and its shots.")
     ] = None,
@@ -86,12 +86,7 @@ def plan(
 @shows
 def shelf(
     recording: options.RecordingFolder,
-    out: Annotated[
-        Path,
-        typer.Option(
-            rich_help_panel=RESULTS, metavar="YAML", help="The recording.yaml to write; reports go beside it."
-        ),
-    ],
+    out: _Yaml,
     side: Annotated[
         str | None,
         typer.Option(rich_help_panel=INPUT, help="Side of the shelf in the direction of travel: left, right."),
@@ -250,9 +245,7 @@ def board(
 @shows
 def intrinsics(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="With intrinsics.yaml, and shots or corners.")],
-    out: Annotated[
-        Path, typer.Option(rich_help_panel=RESULTS, metavar="YAML", help="File for the camera; reports go beside it.")
-    ],
+    out: _Yaml,
     model: Annotated[
         str,
         typer.Option(

@@ -211,7 +211,17 @@ def check_used(run: TrackedRecording) -> None:
     else:
         return
     first = next(filter(None, reasons), "no odometry at its time")
-    raise UselessInputError(f"{run.recording.folder}: {what} can be used; the first: {first}")
+    raise UselessInputError(f"{run.recording.folder}: {what} can be used; the first: {first}{_clocks(run.recording)}")
+
+
+def _clocks(recording: Recording) -> str:
+    """Return how far the times of shots and odometry are apart; nothing where they overlap."""
+    shots, span = (recording.shots[0].time, recording.shots[-1].time), recording.odometry.span
+    apart = max(span[0] - shots[1], shots[0] - span[1])
+    if apart <= recording.odometry.margin:
+        return ""
+    first, last, begin, end = seconds(*shots, *span)
+    return f"; shots are from {first} s to {last} s, odometry from {begin} s to {end} s: {apart:.12g} s apart"
 
 
 def _telling(events: Iterable[Event]) -> Iterator[Event]:

@@ -97,6 +97,14 @@ def test_a_camera_that_is_turned_is_told_in_one_line(
         assert document["mounting_yaw_sigma_deg"] == pytest.approx(sigma, abs=0.006)
 
 
+@pytest.mark.usefixtures("approach")
+def test_a_check_of_shots_that_odometry_does_not_reach_says_so(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("approach/odometry.csv").write_text(f"{ODOMETRY}\n500,0,0,0,0,0\n501,0,0,0,0,0\n")
+    assert run(["calibrate", "check", "approach"], COMMANDS) == 3
+    said = "palletloc: degenerate: nothing_seen: no source tells roll and pitch (odometry reaches no shot); "
+    assert capsys.readouterr().err.startswith(said)
+
+
 FAULTS = Path(__file__).resolve().parents[2].parent / "shared/data/faults"
 COMMANDS_OF_A_RECORDING = [
     ["track", "approach", "--out", "out"],

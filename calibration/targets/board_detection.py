@@ -125,8 +125,9 @@ def misprint(camera: CameraModel, image: Image, target: Target) -> str:
     for patch in sphere_patches(camera, image, SCALES[0]):
         changed = {MIRRORED: np.ascontiguousarray(patch.image[:, ::-1]), INVERTED: np.asarray(255 - patch.image)}
         for why, picture in changed.items():
-            ids = detector.detectMarkers(picture)[1]
-            seen[why] |= known & set(() if ids is None else np.ravel(ids).tolist())
+            _, ids, _ = detector.detectMarkers(picture)
+            if ids is not None:
+                seen[why] |= known & set(np.ravel(ids).tolist())
     return next((why for why, ids in seen.items() if len(ids) >= _MISPRINTED), "")
 
 

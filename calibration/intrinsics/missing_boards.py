@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from calibration.intrinsics.task import Chessboard, CodedBoard
+from calibration.targets.board_detection import INVERTED, MIRRORED
 from calibration.targets.chessboard import sees_chessboard
 from palletloc.geometry import Image
 
@@ -32,9 +33,9 @@ def why_no_board(
     """
     if any(not isinstance(board, Chessboard) for board in boards.values()):
         if sees_markers(np.ascontiguousarray(image[:, ::-1])):
-            return "its markers are mirrored: the board was printed as its mirror image, or the shot is flipped"
+            return MIRRORED
         if sees_markers(np.asarray(255 - image)):
-            return "its markers are inverted: the board was printed as its negative, white for black"
+            return INVERTED
     for name, board in boards.items():
         if isinstance(board, Chessboard):
             for across, down in _OTHER_SIZES:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calibration.targets.patches import pixel_density, sphere_patches, view_axes
-from calibration.targets.targets import PrintedPattern, Target, marker_dictionary, patterns
+from calibration.targets.targets import PrintedPattern, Target, border_of, marker_dictionary, patterns
 from palletloc.cameras.protocol import CameraModel
 from palletloc.errors import PalletLocError
 from palletloc.geometry import BoolArray, FloatArray, Image
@@ -29,6 +29,12 @@ _SAME = 0.5
 """Two markers of one number are the same where they are nearer than this part of their diagonal."""
 _MIN_MARKERS = 2
 """Fewer markers do not make a board: a single one may be a misreading."""
+_MISPRINTED = 3
+"""So many markers tell that a board is mirrored or inverted: fewer may be misreadings."""
+MIRRORED = "its markers are mirrored: the board was printed as its mirror image, or the shot is flipped"
+"""What is said of a mirrored print."""
+INVERTED = "its markers are inverted: the board was printed as its negative, white for black"
+"""What is said of a negative."""
 _MIN_COS = 0.2
 """Markers farther off the middle than the angle of this cosine are not on its tangent plane."""
 _BLIND_DENSITY = 500.0
@@ -102,6 +108,27 @@ def detect_markers(camera: CameraModel, image: Image, dictionary: str, scale: fl
             found = zip(np.ravel(ids), (_settled(patch.image, c, border) for c in corners), strict=True)
             seen.extend(Marker(int(i), patch.directions(c)) for i, c in found)
     return _merge_markers(seen)
+
+
+def misprint(camera: CameraModel, image: Image, target: Target) -> str:
+    """Return what is wrong with the print of a target whose markers are not seen; nothing where that is not known.
+
+    Parameters
+    ----------
+    camera, image
+        As for `sphere_patches`.
+    target : Target
+        With several markers: a single one may be another's mirror image.
+    """
+    detector, known = _detector(target.dictionary, border_of(target)), set(patterns(target)[0].marker_ids.tolist())
+    seen: dict[str, set[int]] = {MIRRORED: set(), INVERTED: set()}
+    for patch in sphere_patches(camera, image, SCALES[0]):
+        changed = {MIRRORED: np.ascontiguousarray(patch.image[:, ::-1]), INVERTED: np.asarray(255 - patch.image)}
+        for why, picture in changed.items():
+            _, ids, _ = detector.detectMarkers(picture)
+            if ids is not None:
+                seen[why] |= known & set(np.ravel(ids).tolist())
+    return next((why for why, ids in seen.items() if len(ids) >= _MISPRINTED), "")
 
 
 def _detector(dictionary: str, border: int) -> cv2.aruco.ArucoDetector:

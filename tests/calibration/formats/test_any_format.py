@@ -39,7 +39,7 @@ FAULTS = Path(__file__).resolve().parents[3].parent / "shared/data/faults"
         (echo().replace("500.0, 0.0, 320.0", "8:20, 0.0, 320.0"), "K[0]: expected a finite number, got '8:20'"),
         (echo().replace("width: 640", "width: 0640"), "width: expected a finite number, got '0640'; expected it in"),
         ("1 PINHOLE 640 480 nan 500 320 240\n", "line 1.fx: expected a finite number, got 'nan'"),
-        ("1 OPENCV_FISHEYE 640 480 500 500 320 240 1e9 -1e9 0 0\n", "degrees off axis; expected smaller coefficients"),
+        ("1 OPENCV_FISHEYE 640 480 500 500 320 240 1e9 -1e9 0 0\n", "degrees off axis; expected smaller coeff"),
         ("width: 640\nheight: 0x1" + "f" * 20000 + "\nK: []\n", "height: expected a finite number"),
         ("1 PINHOLE 640 480 1e9 500 320 240\n", "line 1: focal lengths and centre: expected pixels from"),
         ("a: !!python/object:os.system x\n", "is not yaml"),

@@ -18,14 +18,21 @@ if TYPE_CHECKING:
     from calibration.result_page import ResultPage
 
 
+_Yaml = Annotated[
+    Path,
+    typer.Option("--out", rich_help_panel=RESULTS, metavar="YAML", help="File to write; reports go beside it."),
+]
+"""The file that a calibration gives."""
+_Report = Annotated[
+    Path | None,
+    typer.Option("--out", rich_help_panel=RESULTS, metavar="HTML", help="File for the report; JSON goes beside it."),
+]
+"""Where a command that changes nothing writes a report."""
+
+
 @shows
 def extrinsics(
-    out: Annotated[
-        Path,
-        typer.Option(
-            rich_help_panel=RESULTS, metavar="YAML", help="File for camera and mounting; reports go beside it."
-        ),
-    ],
+    out: _Yaml,
     folder: Annotated[
         Path | None, typer.Argument(metavar="[FOLDER]", help="With extrinsics.yaml and its shots.")
     ] = None,
@@ -63,10 +70,7 @@ def extrinsics(
 @shows
 def plan(
     layout: Annotated[Path, typer.Argument(metavar="LAYOUT", help="A file like extrinsics.yaml, or its folder.")],
-    out: Annotated[
-        Path | None,
-        typer.Option(rich_help_panel=RESULTS, metavar="HTML", help="File for the report; JSON goes beside it."),
-    ] = None,
+    out: _Report = None,
 ) -> Shown:
     """Predict how well planned targets will give the camera's pose, before anything is hung or driven."""
     from calibration.plan.assessment import plan_targets
@@ -82,12 +86,7 @@ def plan(
 @shows
 def shelf(
     recording: options.RecordingFolder,
-    out: Annotated[
-        Path,
-        typer.Option(
-            rich_help_panel=RESULTS, metavar="YAML", help="The recording.yaml to write; reports go beside it."
-        ),
-    ],
+    out: _Yaml,
     side: Annotated[
         str | None,
         typer.Option(rich_help_panel=INPUT, help="Side of the shelf in the direction of travel: left, right."),
@@ -150,10 +149,7 @@ def shelf(
 @shows
 def check(
     recording: options.RecordingFolder,
-    out: Annotated[
-        Path | None,
-        typer.Option(rich_help_panel=RESULTS, metavar="HTML", help="File for the report; JSON goes beside it."),
-    ] = None,
+    out: _Report = None,
     tolerance: Annotated[
         float,
         typer.Option(
@@ -249,9 +245,7 @@ def board(
 @shows
 def intrinsics(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="With intrinsics.yaml, and shots or corners.")],
-    out: Annotated[
-        Path, typer.Option(rich_help_panel=RESULTS, metavar="YAML", help="File for the camera; reports go beside it.")
-    ],
+    out: _Yaml,
     model: Annotated[
         str,
         typer.Option(
@@ -334,29 +328,15 @@ app = typer.Typer(
     ),
 )
 _COMMANDS: dict[Callable[..., None], tuple[str, ...]] = {
-    extrinsics: (
-        "palletloc calibrate extrinsics FOLDER --out rig.yaml",
-        "palletloc calibrate extrinsics --motion RECORDING --out rig.yaml",
-    ),
-    plan: ("palletloc calibrate plan LAYOUT", "palletloc calibrate plan LAYOUT --out plan.html"),
-    shelf: (
-        "palletloc calibrate shelf RECORDING --out new.yaml",
-        "palletloc calibrate shelf RECORDING --out new.yaml --side left --distance 1.9",
-    ),
-    check: ("palletloc calibrate check RECORDING", "palletloc calibrate check RECORDING --out check.html"),
-    board: (
-        "palletloc calibrate board --out board.pdf",
-        "palletloc calibrate board --out tag.pdf --tag --dictionary DICT_APRILTAG_36h11",
-    ),
-    intrinsics: (
-        "palletloc calibrate intrinsics FOLDER --out camera.yaml",
-        "palletloc calibrate intrinsics FOLDER --out camera.yaml --model double_sphere",
-    ),
-    convert: (
-        "palletloc calibrate convert camera.yaml --to ros --out info.yaml",
-        "palletloc calibrate convert camera.yaml --to kalibr/double_sphere --out camchain.yaml",
-    ),
+    extrinsics: ("FOLDER --out rig.yaml", "--motion RECORDING --out rig.yaml"),
+    plan: ("LAYOUT", "LAYOUT --out plan.html"),
+    shelf: ("RECORDING --out new.yaml", "RECORDING --out new.yaml --side left --distance 1.9"),
+    check: ("RECORDING", "RECORDING --out check.html"),
+    board: ("--out board.pdf", "--out tag.pdf --tag --dictionary DICT_APRILTAG_36h11"),
+    intrinsics: ("FOLDER --out camera.yaml", "FOLDER --out camera.yaml --model double_sphere"),
+    convert: ("camera.yaml --to ros --out info.yaml", "camera.yaml --to kalibr/double_sphere --out camchain.yaml"),
 }
-"""The commands with examples of their use, in the order in which help lists them."""
+"""The commands with what follows their names in examples, in the order in which help lists them."""
 for _command, _lines in _COMMANDS.items():
-    app.command(_command.__name__, cls=PlainCommand, epilog=examples(_lines))(_command)
+    _shown_lines = [f"palletloc calibrate {_command.__name__} {line}" for line in _lines]
+    app.command(_command.__name__, cls=PlainCommand, epilog=examples(_shown_lines))(_command)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from palletloc.candidate import Candidate, Fit, Refusal
 from palletloc.config import LocalizerConfig
-from palletloc.fitting import FitStart, fit_from_starts
+from palletloc.fitting import MOST_OFF_LEVEL, FitStart, fit_from_starts, may_be_pallet
 from palletloc.geometry import FloatArray, LevelPose, wrap_angle
 from palletloc.measurement import Reason, Stage, YawSource
 from palletloc.pallet import PalletModel
@@ -21,6 +23,7 @@ from palletloc.paper.yaw import find_lines, measure_line, measure_yaw
 from palletloc.refinement.face_fit import YawPrior
 from palletloc.refinement.patch import FacePatch, view_patch
 from palletloc.shot import Shot, out_of_sight
+from palletloc.verification import of_use
 
 NEAR_PEAK = 0.95
 """Hypotheses that score this part of the best one are taken for as good: the spread of the covariance."""
@@ -178,8 +181,9 @@ def measure_as_in_paper(shot: Shot, candidate: Candidate, config: LocalizerConfi
     covariance = _spread(
         shot, swept.peaks[0], float(np.ptp(depth)), config.position.sweep_resolution, float(yaw_sigma)
     )
+    covariance += _second_moment([peak.as_array() for peak in swept.peaks], swept.agreement)
     scored = replace(candidate, score=swept.best)
-    return Fit(scored, swept.peaks[0], covariance, source, steps=(*steps, swept))
+    return _checked(shot, Fit(scored, swept.peaks[0], covariance, source, steps=(*steps, swept)), config)
 
 
 def measure_jointly(shot: Shot, candidate: Candidate, config: LocalizerConfig) -> Fit | Refusal:
@@ -206,11 +210,43 @@ def measure_jointly(shot: Shot, candidate: Candidate, config: LocalizerConfig) -
     if isinstance(found, Reason):
         return Refusal(candidate, Stage.POSITION, found)
     pose = found.forklift_from_pallet
-    good = found.score >= NEAR_PEAK * found.best
-    turns, depths = found.turns[good.any(axis=1)], found.depths[good.any(axis=0)]
-    yaw_sigma = max(float(np.ptp(turns)) / np.sqrt(12.0), float(found.turns[1] - found.turns[0]) / 2)
-    covariance = _spread(shot, pose, float(np.ptp(depths)), config.joint_search.resolution, yaw_sigma)
-    return Fit(replace(candidate, score=found.best), pose, covariance, YawSource.FACE, steps=(found,))
+    covariance = _second_moment(found.poses.reshape(-1, 4), found.score.ravel())
+    step = float(found.turns[1] - found.turns[0]) / 2
+    covariance += np.diag([*[config.joint_search.resolution**2] * 3, step**2])
+    fit = Fit(replace(candidate, score=found.best), pose, covariance, YawSource.FACE, steps=(found,))
+    return _checked(shot, fit, config)
+
+
+def _second_moment(poses: ArrayLike, agreement: ArrayLike) -> FloatArray:
+    """Return the (4, 4) second moment of hypotheses about the best one, each weighted by its agreement.
+
+    One that agrees less by the part that `NEAR_PEAK` leaves weighs less by a factor e.
+    """
+    tried, score = np.asarray(poses, float), np.asarray(agreement, float)
+    apart = tried - tried[score.argmax()]
+    apart[:, 3] = wrap_angle(apart[:, 3])
+    weight = np.exp((score / score.max() - 1) / (1 - NEAR_PEAK))
+    return np.asarray((weight[:, None] * apart).T @ apart / weight.sum())
+
+
+def _checked(shot: Shot, fit: Fit, config: LocalizerConfig) -> Fit | Refusal:
+    """Refuse a pose on no level, one that shows no pallet at a glance, and one whose place is too uncertain."""
+    candidate, model = fit.candidate, fit.candidate.model
+
+    def given_up(reason: Reason) -> Refusal:
+        return Refusal(candidate, Stage.VERIFICATION, reason, fit, fit.steps)
+
+    height = candidate.height
+    if height is not None:
+        sigma = float(np.hypot(height.sigma, np.sqrt(fit.covariance[2, 2])))
+        if abs(fit.pose.z - height.z) > MOST_OFF_LEVEL * sigma:
+            return given_up(Reason.OFF_LEVEL)
+    seen = next(_surroundings(shot, model, [fit.pose]), None)
+    if seen is not None and not may_be_pallet(seen[1], fit.pose, candidate, config):
+        return given_up(Reason.LOW_CONTRAST)
+    # the joint search tells the yaw to degrees only: that is no reason to keep it back
+    limits = replace(config.verification, max_yaw_sigma_deg=math.inf)
+    return fit if of_use(fit.covariance, limits) else given_up(Reason.UNCERTAIN)
 
 
 def _spread(shot: Shot, pose: LevelPose, depth_range: float, resolution: float, yaw_sigma: float) -> FloatArray:

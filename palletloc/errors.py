@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import difflib
-import math
 from collections.abc import Iterable
 
-_MOST_DIGITS = 17
-"""How many digits tell any two numbers apart (IEEE 754, double)."""
+_DIGITS, _MOST_DIGITS = 6, 17
+"""Digits of a time in a message; and how many tell any two numbers apart (IEEE 754, double)."""
 
 
 class PalletLocError(Exception):
@@ -42,7 +41,7 @@ def nearest_name(name: str, known: Iterable[str]) -> str:
 
 
 def seconds(*times: float) -> tuple[str, ...]:
-    """Return times as messages show them: in six digits, large ones to the millisecond, or so that they differ.
+    """Return times as messages show them: in six digits, or in as many as tell them apart and two more.
 
     Parameters
     ----------
@@ -56,10 +55,13 @@ def seconds(*times: float) -> tuple[str, ...]:
     >>> seconds(1700000000.1, 1700000000.2)
     ('1700000000.1', '1700000000.2')
     """
-    whole = max((len(f"{abs(time):.0f}") for time in times if math.isfinite(time)), default=0)
-    least = 6 if whole <= 6 else whole + 3
-    for digits in range(min(least, _MOST_DIGITS), _MOST_DIGITS + 1):
-        texts = tuple(f"{time:.{digits}g}" for time in times)
-        if len(set(texts)) == len(set(times)):
-            break
-    return texts
+    enough = next(
+        (
+            digits
+            for digits in range(_DIGITS, _MOST_DIGITS)
+            if len({f"{time:.{digits}g}" for time in times}) == len(set(times))
+        ),
+        _MOST_DIGITS,
+    )
+    digits = enough if enough == _DIGITS else min(enough + 2, _MOST_DIGITS)
+    return tuple(f"{time:.{digits}g}" for time in times)

@@ -103,7 +103,7 @@ def fit_from_starts(
         ruling = [attempt.fit for attempt in attempts if isinstance(attempt, Fit) or candidate.height is None]
         if any(fit is not None and _near(start, fit.pose) for fit in ruling):
             continue  # it would lead to the same pose
-        if not _may_be_pallet(patch, start, candidate, config):
+        if not may_be_pallet(patch, start, candidate, config):
             continue  # most places that are not a pallet end here
         earlier = [attempt.fit.pose for attempt in attempts if attempt.fit is not None]
         prepared = prepare(start)
@@ -254,7 +254,7 @@ def _range_doubt(shot: Shot, fit: Fit, face: FaceEstimate, config: LocalizerConf
     return added
 
 
-def _may_be_pallet(patch: FacePatch, start: LevelPose, candidate: Candidate, config: LocalizerConfig) -> bool:
+def may_be_pallet(patch: FacePatch, start: LevelPose, candidate: Candidate, config: LocalizerConfig) -> bool:
     """Tell whether a start could pass the checks if all edges were found; where it is not wholly seen, it may."""
     contrast = least_contrast(patch, candidate.model, start)
     if np.isnan(contrast):

@@ -41,7 +41,7 @@ _ROUNDS, _SMALL_STEP = 20, 1e-6
 """Rounds of the fit at most, and the step that ends it, in metres and radians."""
 
 
-class Sighting(Protocol):
+class PalletSighting(Protocol):
     """A pallet that was measured in a shot."""
 
     @property
@@ -110,7 +110,7 @@ class SeenTurn:
 
 
 def seen_turn(
-    sightings: Iterable[Sighting],
+    sightings: Iterable[PalletSighting],
     odometry: Trajectory,
     forklift_from_camera: RigidTransform,
     doubt: OdometryDoubt | None = None,
@@ -122,7 +122,7 @@ def seen_turn(
 
     Parameters
     ----------
-    sightings : iterable of Sighting
+    sightings : iterable of PalletSighting
         Measured with the stated mounting, in any order.
     odometry : Trajectory
         ``odom_from_forklift``.
@@ -181,7 +181,7 @@ class _Drive:
 
 
 def _drive_of(
-    sightings: Sequence[Sighting], odometry: Trajectory, center: FloatArray, doubt: OdometryDoubt
+    sightings: Sequence[PalletSighting], odometry: Trajectory, center: FloatArray, doubt: OdometryDoubt
 ) -> _Drive | None:
     """Return the drive with the pallets that are seen most; None where too little is seen."""
     known: dict[float, LevelPose] = {}
@@ -214,7 +214,7 @@ def _drive_of(
     )
 
 
-def _is_sound(each: Sighting) -> bool:
+def _is_sound(each: PalletSighting) -> bool:
     """Tell whether its covariance is one."""
     covariance = each.covariance[_FLOOR]
     return bool(np.isfinite(covariance).all() and np.linalg.eigvalsh(covariance)[0] > 0)
@@ -224,9 +224,9 @@ def _planar(pose: LevelPose) -> tuple[float, float, float]:
     return pose.x, pose.y, pose.yaw
 
 
-def _chains(seen: Sequence[Sighting], known: dict[float, LevelPose]) -> list[list[Sighting]]:
+def _chains(seen: Sequence[PalletSighting], known: dict[float, LevelPose]) -> list[list[PalletSighting]]:
     """Return the sightings of each pallet: each is near the last one, carried by odometry."""
-    chains: list[list[Sighting]] = []
+    chains: list[list[PalletSighting]] = []
     places: list[FloatArray] = []
     for each in seen:
         place = compose(np.array(_planar(known[each.time])), np.array(_planar(each.forklift_from_pallet)))
@@ -245,7 +245,7 @@ def _chains(seen: Sequence[Sighting], known: dict[float, LevelPose]) -> list[lis
     return chains
 
 
-def _may_follow(each: Sighting, last: Sighting) -> bool:
+def _may_follow(each: PalletSighting, last: PalletSighting) -> bool:
     return (
         each.model == last.model
         and each.time > last.time

@@ -100,7 +100,7 @@ class Trajectory:
         reach = self.margin * (1 + 1e-6)
         if not start - reach <= time <= end + reach:
             now, first, after_all = seconds(time, start, end)
-            off = f"{start - time:.6g} s before" if time < start else f"{time - end:.6g} s after"
+            off = f"{max(start - time, time - end):.12g} s {'before' if time < start else 'after'}"
             raise TrajectoryError(
                 f"no pose at {now} s: expected a time between {first} s and {after_all} s"
                 f" (at most {self.margin:.3g} s outside), and it is {off}"

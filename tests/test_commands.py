@@ -21,7 +21,8 @@ from palletloc.geometry import LevelPose
 from palletloc.io.measurements import write_measurements
 from palletloc.measurement import PalletMeasurement, YawSource
 from palletloc.pallet_library import load_library
-from tests.palletloc.cli.sample_runs import SAMPLE, without_images, write_run
+from palletloc.synthetic.simulation import Simulation
+from tests.palletloc.cli.sample_runs import without_images, write_run
 
 RECORDING = """\
 format: 1
@@ -88,7 +89,7 @@ def test_every_example_names_options_that_the_command_has(
 
 @pytest.fixture
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Work beside a recording of gray images, one without images but with truth, and what else commands read."""
+    """Work beside recordings, one of gray images and one with truth, and what else commands read; draw nothing."""
     import cv2
 
     monkeypatch.chdir(tmp_path)
@@ -111,10 +112,10 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr("tracking.cli._picture", lambda *_: b"")
     monkeypatch.setattr("tracking.demo._report", lambda *_: None)
     monkeypatch.setattr("palletloc.report.explanation_folder.stage_pictures", lambda *_, **__: ())
-    camera = yaml.safe_load(Path(SAMPLE, "recording.yaml").read_text())["camera"]
+    blank = np.zeros((32, 64, 3), np.uint8)
+    monkeypatch.setattr(Simulation, "images", lambda simulation: (blank for _ in simulation.times))
     fisheye = {"model": "kannala_brandt", "width": 640, "height": 480, "focal_px": [200.0, 200.0]}
     fisheye |= {"center_px": [320.0, 240.0], "distortion": [0.01, 0.0, 0.0, 0.0], "max_angle_deg": 80.0}
-    assert camera["model"]
     Path("camera.yaml").write_text(yaml.safe_dump({"camera": fisheye}))
     return tmp_path
 

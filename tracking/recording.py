@@ -198,11 +198,11 @@ def check_used(run: TrackedRecording) -> None:
     Raises
     ------
     UselessInputError
-        If no measurement went to the place of a track or began one, or no odometry could be used; gives the first
-        reason.
+        If no measurement began a track, or no odometry could be used; gives the first reason.
     """
-    reasons = [event.reason for event in run.events if event.kind is EventKind.REJECTED]
-    used = any(event.track is not None or event.kind is EventKind.GATED for event in run.events)
+    useless = (EventKind.REJECTED, EventKind.GATED, EventKind.TOO_LATE, EventKind.TIME_JUMP)
+    reasons = [event.reason for event in run.events if event.kind in useless]
+    used = any(event.kind is EventKind.ACCEPTED and event.track is not None for event in run.events)
     samples = len(run.recording.odometry.times)
     if run.measured and not used:
         what = f"none of {len(run.measured)} measurements"
@@ -210,8 +210,18 @@ def check_used(run: TrackedRecording) -> None:
         what = f"none of {samples} rows of odometry"
     else:
         return
-    first = reasons[0] if reasons else "no odometry at its time"
-    raise UselessInputError(f"{run.recording.folder}: {what} can be used; the first: {first}")
+    first = next(filter(None, reasons), "no odometry at its time")
+    raise UselessInputError(f"{run.recording.folder}: {what} can be used; the first: {first}{_clocks(run.recording)}")
+
+
+def _clocks(recording: Recording) -> str:
+    """Return how far the times of shots and odometry are apart; nothing where they overlap."""
+    shots, span = (recording.shots[0].time, recording.shots[-1].time), recording.odometry.span
+    apart = max(span[0] - shots[1], shots[0] - span[1])
+    if apart <= recording.odometry.margin:
+        return ""
+    first, last, begin, end = seconds(*shots, *span)
+    return f"; shots are from {first} s to {last} s, odometry from {begin} s to {end} s: {apart:.12g} s apart"
 
 
 def _telling(events: Iterable[Event]) -> Iterator[Event]:

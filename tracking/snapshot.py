@@ -25,7 +25,7 @@ from tracking.odometry import Odometry, check_odometry
 from tracking.plain_values import SnapshotError, fault, plain_values, shown, value_of
 from tracking.shot_stack import LatencyShot
 from tracking.state import OWN, Gaussian, Key, TrackGroup, size_of
-from tracking.track import Track
+from tracking.track import RECALL, Track
 from tracking.validation import BadInputError
 from tracking.window import Clock, Window
 
@@ -234,6 +234,11 @@ def _check_counts(track: Track, time: float | None, place: str) -> None:
     """Raise where a track has counts or times that no track can have."""
     if min(track.hits, *(series.hits for series in track.rejected), track.hits) < 1:
         raise fault(f"{place}.hits", "expected at least one measurement")
+    for j, series in enumerate(track.rejected):
+        if not (
+            0 <= series.row <= series.hits and series.idle >= 0 and -RECALL <= series.lead <= series.hits + RECALL
+        ):
+            raise fault(f"{place}.rejected.{j}", "expected counts that belong together")
     if track.misses < 0:
         raise fault(f"{place}.misses", f"expected none or more, got {track.misses}")
     if time is not None and track.seen > time:
@@ -249,10 +254,11 @@ def _check_counts(track: Track, time: float | None, place: str) -> None:
 
 def _check_unique(memory: Memory) -> None:
     """Raise where something is named twice that is there once."""
+    numbers = dict(memory.numbers)  # a late first measurement renames a track: the former key keeps its number, too
     named: dict[str, list[object]] = {
         "tracks": [track.key for track in memory.tracks],
         "numbers": [key for key, _ in memory.numbers],
-        "numbers of tracks": [number for _, number in memory.numbers],
+        "numbers of tracks": [numbers[track.key] for track in memory.tracks if track.key in numbers],
         "ended": [key for key, _ in memory.ended],
         "statuses": [number for number, _ in memory.statuses],
         "dispositions": [key for key, _ in memory.dispositions],

@@ -81,7 +81,7 @@ def _findings(check: MountingCheck, tolerance: float) -> Iterator[Finding]:
             Severity.DEGENERATE,
             "nothing_seen",
             "no source tells roll and pitch ("
-            + "; ".join(f"{source.method}: {source.why}" for source in check.absent)
+            + ("; ".join(f"{source.method}: {source.why}" for source in check.absent) or "odometry reaches no shot")
             + ")",
             "record where uprights, walls or doors are in view, with enough light",
         )

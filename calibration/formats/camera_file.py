@@ -19,9 +19,12 @@ from palletloc.geometry import FloatArray
 from palletloc.io.camera_spec import spec_from_camera
 from palletloc.io.schema import CameraSpec
 from palletloc.io.yaml_document import Document, format_document
+from palletloc.ranges import range_of
 
 _RIGID = 1e-3
 """How far a matrix may be from a rigid transform: files have four digits or more."""
+_LEAST_FIELD = float(np.radians(1.0))
+"""Lenses whose image ends or folds sooner off axis, in radians, are none."""
 _OPTICAL = RigidTransform.from_rotation(Rotation.from_matrix(OPTICAL_FROM_CAMERA))
 """Turns the camera frame into the optical one."""
 
@@ -85,6 +88,8 @@ def fisheye(fields: Fields, size: tuple[int, int], lens: Sequence[float], terms:
     farthest = float(np.linalg.norm((corners - (cx, cy)) / (fx, fy), axis=-1).max()) if fx > 0 and fy > 0 else 0.0
     shown = float(angles[min(int(np.searchsorted(np.maximum.accumulate(radii), farthest)), len(angles) - 1)])
     limit = float(min(rises, shown)) or np.pi / 2
+    if limit < _LEAST_FIELD:
+        raise fields.wrong(f"this lens sees {np.degrees(limit):.1g} degrees off axis; expected smaller coefficients")
     k1, k2, k3, k4 = terms
     return built(fields, lambda: KannalaBrandt(*size, fx, fy, cx, cy, k1, k2, k3, k4, limit))
 
@@ -112,6 +117,9 @@ def filed_lens(
     FormatError
         If the numbers describe no camera; names file and key.
     """
+    for value in lens:
+        if fault := range_of("focal_px").fault(value):
+            raise fields.wrong(f"focal lengths and centre: {fault}")
     if model == "kannala_brandt":
         return fisheye(fields, size, lens, shape)
     named: dict[str, Any] = dict(zip(MODELS[model].parameters, (*lens, *shape), strict=False))

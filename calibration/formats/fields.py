@@ -16,6 +16,7 @@ from palletloc.geometry import FloatArray
 from palletloc.io.csv_table import shortened
 from palletloc.io.images import MAX_SIDE_PX
 from palletloc.io.reading import InputError, read_text
+from palletloc.plain_yaml import is_other_base, number_hint
 
 LARGEST = 1e12
 """Of any number in a file of cameras: pixels and metres end long before, and coefficients of r^9 too."""
@@ -38,7 +39,7 @@ class Fields:
 
     def fault(self, expected: str, hint: str = "") -> FormatError:
         """Return the error that says what was expected here."""
-        return self.wrong(f"expected {expected}, got {shortened(self.value)}{hint}")
+        return self.wrong(f"expected {expected}, got {shortened(self.value)}{hint or number_hint(self.value)}")
 
     def wrong(self, what: str) -> FormatError:
         """Return the error that says what is wrong here."""
@@ -79,8 +80,10 @@ class Fields:
         """Return a finite number."""
         given = self.value
         try:
-            # A bool is a number to Python, and so is "1_0"; neither is one to a reader.
-            value = math.nan if isinstance(given, bool) or (isinstance(given, str) and "_" in given) else float(given)
+            # A bool is a number to Python, and so are "1_0" and "010"; none is one to a reader.
+            text = given if isinstance(given, str) else ""
+            refused = isinstance(given, bool) or "_" in text or is_other_base(text)
+            value = math.nan if refused else float(given)
         except (TypeError, ValueError, OverflowError):
             value = math.nan
         if not abs(value) <= LARGEST:

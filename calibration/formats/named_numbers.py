@@ -26,6 +26,8 @@ _LENS = ("fx", "fy", "cx", "cy")
 """Names that most programs give focal lengths and centre."""
 _ONE_FOCAL = ("f", "f", "cx", "cy")
 """The same of those with one focal length."""
+_HALF_PIXEL = "its centre is half a pixel less here, where the first pixel's middle is at 0, not at 0.5"
+"""What is said of programs that have it there."""
 PANORAMA, _SCARAMUZZA = "equirectangular", "scaramuzza"
 """Kinds of numbers that describe no lens by a formula: a stitched panorama, and OCamCalib's polynomials."""
 
@@ -316,7 +318,13 @@ def _camera(fields: Fields, program: _Program, numbers: _Numbers, name: str) -> 
         if key in more:
             more[key] = more[key][0]
     general = GeneralLens(numbers.kind, width, height, lens, terms, **more, successive=numbers.successive)
-    return filed_general(fields, name, general)
+    filed = filed_general(fields, name, general)
+    return _noted(filed) if program.first_pixel else filed
+
+
+def _noted(filed: FiledCamera) -> FiledCamera:
+    """Return a camera with the note on its centre."""
+    return replace(filed, note=f"{filed.note}; {_HALF_PIXEL}" if filed.note else _HALF_PIXEL)
 
 
 def _metashape_lens(fields: Fields, lens: tuple[float, ...], size: tuple[int, int]) -> tuple[float, ...]:

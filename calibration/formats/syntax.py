@@ -13,56 +13,30 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
-import yaml
-
 from calibration.formats.fields import Fields, FormatError
 from palletloc.io.reading import read_text
+from palletloc.plain_yaml import YamlError, load_plain
 
 TABLE = "table"
 """Key under which the rows of a table stand: lists of words, each with its line in ``line``."""
 _NUMBER = r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?"
 """A number as tables have it."""
-_ROW = re.compile(rf"\s*{_NUMBER}(\s+([A-Z][A-Z_0-9]+|{_NUMBER}))*\s*")
+_ROW = re.compile(rf"\s*{_NUMBER}(\s+([A-Z][A-Z_0-9]+|[-+]?(nan|inf)|{_NUMBER}))*\s*")
 """A row of a table: numbers between blanks, and names in capitals among them."""
+_SHORT = 10_000
+"""Characters of a mapping in one piece that may be YAML: its reader is slow."""
+_DEEPEST = 20
+"""Levels of XML that are read: camera files have five."""
+_STORAGE_TAG = re.compile(r"!!opencv-[a-z-]+")
+"""OpenCV's tag of a matrix."""
+_BETWEEN = re.compile(r"^---(?=\s|$)|^\.\.\.(?=\s|$)", re.MULTILINE)
+"""What stands between documents of YAML."""
 _SHORT = 10_000
 """Characters of a mapping in one piece that may be YAML: its reader is slow."""
 _DEEPEST = 20
 """Levels of XML that are read: camera files have five."""
 _MOST_VALUES = 1_000_000
 """Values in a document of YAML, each repetition of an anchor counted: a bomb doubles with each of them."""
-
-
-class _StorageLoader(yaml.SafeLoader):
-    """The safe loader, which knows OpenCV's tags and refuses a key that stands twice and endless repetition."""
-
-    def construct_document(self, node: yaml.Node) -> Any:
-        if _values(node, {}) > _MOST_VALUES:
-            raise yaml.MarkedYAMLError(problem="repeats itself without end", problem_mark=node.start_mark)
-        return super().construct_document(node)
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> Any:
-        keys = [key.value for key, _ in node.value if key.tag != "tag:yaml.org,2002:merge"]
-        for position, key in enumerate(keys):
-            if key in keys[:position]:
-                mark = node.value[position][0].start_mark
-                raise yaml.MarkedYAMLError(problem=f"key '{key}' stands there twice", problem_mark=mark)
-        return super().construct_mapping(node, deep)
-
-
-def _values(node: yaml.Node, known: dict[int, float]) -> float:
-    """Return how many values a node stands for; infinitely many where it holds itself."""
-    if isinstance(node, yaml.ScalarNode):
-        return 1
-    if id(node) not in known:
-        known[id(node)] = float("inf")
-        inner = [part for pair in node.value for part in (pair if isinstance(node, yaml.MappingNode) else (pair,))]
-        known[id(node)] = 1 + sum(_values(part, known) for part in inner)
-    return known[id(node)]
-
-
-_StorageLoader.add_multi_constructor(
-    "tag:yaml.org,2002:opencv-", lambda loader, _, node: loader.construct_mapping(node, deep=True)
-)
 
 
 def read_documents(path: Path) -> list[Fields]:
@@ -101,22 +75,22 @@ def _rows(text: str) -> list[dict[str, Any]] | None:
 
 
 def _yaml(path: Path, text: str) -> list[Any]:
-    # OpenCV's first line, %YAML:1.0, is no directive of YAML; blank, it keeps the numbers of the lines.
-    text = re.sub(r"\A\s*%YAML[^\n]*", "", text)
+    """Return the documents of a text; what follows a whole one may be cut off."""
+    # OpenCV's first line, %YAML:1.0, is no directive of YAML, and its tags tell no more than the keys do.
+    text = _STORAGE_TAG.sub("", re.sub(r"\A\s*%YAML[^\n]*", "", text))
     found: list[Any] = []
-    try:
-        # A subclass of the safe loader: plain values only.
-        # Each is kept as it comes: what follows a whole document may be cut off.
-        for value in yaml.load_all(text, Loader=_StorageLoader):
-            found += [value]
-    except yaml.MarkedYAMLError as error:
-        if found and isinstance(found[0], dict):
+    line = 0
+    for part in _BETWEEN.split(text):
+        try:
+            # Empty lines before it keep the numbers of the lines.
+            value = load_plain("\n" * line + part)
+        except YamlError as error:
+            if not found:
+                raise FormatError(error.of(path)) from None
             return found
-        line = "" if error.problem_mark is None else f", line {error.problem_mark.line + 1}"
-        raise FormatError(f"{path}{line}: is not yaml: {error.problem or error.context}") from None
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise FormatError(f"{path}: is not yaml: {' '.join(str(error).split())[:120]}") from None
-    return [value for value in found if value is not None] or [None]
+        line += part.count("\n")
+        found += [value] if value is not None else []
+    return found or [None]
 
 
 def _json(path: Path, text: str) -> Any:

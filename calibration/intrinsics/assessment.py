@@ -95,7 +95,7 @@ def view_findings(task: IntrinsicsTask, found: Collected) -> list[Finding]:
         for twin, earlier in found.duplicates
     ]
     findings += [
-        Finding(Severity.WARNING, "no_board", f"{shot} shows no whole board", "take it out or again")
+        Finding(Severity.WARNING, "no_board", _no_board(shot, found.reasons.get(shot)), "take it out or again")
         for shot in found.empty
     ]
     for lens in range(task.lenses):
@@ -105,6 +105,10 @@ def view_findings(task: IntrinsicsTask, found: Collected) -> list[Finding]:
             how = "take more shots, and check the numbers of the boards in intrinsics.yaml"
             findings.append(Finding(Severity.DEGENERATE, "few_views", what, how))
     return findings
+
+
+def _no_board(shot: str, reason: str | None) -> str:
+    return f"{shot} shows no whole board" + (f"; {reason}" if reason else "")
 
 
 def check_fit(fit: LensFit, cameras: Sequence[LensCamera], apertures: Sequence[float]) -> Checked:

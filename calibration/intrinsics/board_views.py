@@ -6,18 +6,20 @@ import hashlib
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from calibration.bearings import pose_from_bearings
 from calibration.intrinsics.corner_file import read_corners
-from calibration.intrinsics.task import Chessboard, IntrinsicsTask
+from calibration.intrinsics.missing_boards import why_no_board
+from calibration.intrinsics.task import Chessboard, CodedBoard, IntrinsicsTask
 from calibration.lenses.problem import BoardView
 from calibration.targets.board_detection import SCALES, Marker, detect_markers
-from calibration.targets.targets import CharucoBoard, PrintedPattern, on_board, patterns
+from calibration.targets.chessboard import find_chessboard
+from calibration.targets.targets import PrintedPattern, border_of, on_board, patterns
 from calibration.targets.texture_alignment import AlignedCorners, align_corners
 from palletloc.cameras import CameraModel, KannalaBrandt
 from palletloc.geometry import FloatArray, Image
@@ -32,6 +34,8 @@ _FOCAL_GUESS, _FAR = 0.4, 100.0
 """Of a lens that is not known, as a part of its width; and where markers are put along their bearings, in metres."""
 _MARKER_SIGMA_PX, _FEWEST_MARKERS = 0.3, 3
 """Standard deviation of markers' corners, in pixels; and the fewest markers that tell a board's layout."""
+_ASKED = 3
+"""Shots without a board that are looked at again for the reason, while there is none in any shot."""
 _WIDEST = float(np.radians(115.0))
 """Largest angle off axis of a lens that is not known, in radians: enough for lenses that overlap in pairs."""
 
@@ -46,6 +50,8 @@ class Collected:
     """Views that are the same as an earlier one, with that one."""
     empty: tuple[str, ...] = ()
     """Shots without a board."""
+    reasons: Mapping[str, str] = field(default_factory=dict)
+    """Why some of them have none."""
     patterns: Mapping[str, PrintedPattern] = field(default_factory=dict)
     """Of the ChArUco boards, by view."""
     shots: Mapping[str, str] = field(default_factory=dict)
@@ -93,6 +99,7 @@ def _from_shots(task: IntrinsicsTask, on_progress: Callable[[str], None]) -> Col
     read: dict[str, str] = {}
     boards: dict[str, list[_SeenBoard]] = {}
     duplicates: list[tuple[str, str]] = []
+    reasons: dict[str, str] = {}
     for shot in task.shots:
         path = task.folder / shot
         digest = hashlib.sha256(read_bytes(path)).hexdigest()
@@ -103,13 +110,22 @@ def _from_shots(task: IntrinsicsTask, on_progress: Callable[[str], None]) -> Col
         on_progress(f"{shot}: looking for boards")
         image = read_image(path, task.size, gray=True)
         boards[shot] = [board for lens in range(task.lenses) for board in _in_lens(task, image, shot, lens)]
+        if not boards[shot] and not any(boards.values()) and len(reasons) < _ASKED:
+            reasons[shot] = why_no_board(image, task.boards, partial(_sees_markers, task, shot))
     return Collected(
         tuple(board.view for seen in boards.values() for board in seen),
         tuple(duplicates),
         tuple(shot for shot, seen in boards.items() if not seen),
+        {shot: reason for shot, reason in reasons.items() if reason},
         {board.view.name: board.pattern for seen in boards.values() for board in seen if board.pattern is not None},
         {board.view.name: shot for shot, seen in boards.items() for board in seen},
     )
+
+
+def _sees_markers(task: IntrinsicsTask, shot: str, image: Image) -> bool:
+    """Return whether there is a board with markers in a shot."""
+    coded = {name: board for name, board in task.boards.items() if not isinstance(board, Chessboard)}
+    return any(True for lens in range(task.lenses) for _ in _coded_boards(task, image, shot, lens, coded))
 
 
 def _in_lens(task: IntrinsicsTask, image: Image, shot: str, lens: int) -> Iterator[_SeenBoard]:
@@ -117,25 +133,18 @@ def _in_lens(task: IntrinsicsTask, image: Image, shot: str, lens: int) -> Iterat
     for name, board in task.boards.items():
         if isinstance(board, Chessboard):
             offset, part = _part(task, image, lens)
-            corners = _find_chessboard(part, board)
+            corners = find_chessboard(part, board.columns, board.rows)
             if corners is not None:
                 sigma = np.full(len(corners), _CHESSBOARD_SIGMA_PX)
                 pixels = corners + np.array([offset, 0.0])
                 yield _SeenBoard(BoardView(*_place(task, shot, name, lens), board.corners, pixels, sigma), None)
-    coded = {name: board for name, board in task.boards.items() if isinstance(board, CharucoBoard)}
+    coded = {name: board for name, board in task.boards.items() if not isinstance(board, Chessboard)}
     if coded:
         yield from _coded_boards(task, image, shot, lens, coded)
 
 
-def _find_chessboard(image: Image, board: Chessboard) -> FloatArray | None:
-    """Return the pixels of a board's inner corners, (n, 2), row by row; None where it is not seen whole."""
-    flags = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_NORMALIZE_IMAGE
-    found, corners = cv2.findChessboardCornersSB(image, (board.columns, board.rows), flags=flags)
-    return np.asarray(corners, dtype=np.float64).reshape(-1, 2) if found else None
-
-
 def _coded_boards(
-    task: IntrinsicsTask, image: Image, shot: str, lens: int, boards: dict[str, CharucoBoard]
+    task: IntrinsicsTask, image: Image, shot: str, lens: int, boards: dict[str, CodedBoard]
 ) -> Iterator[_SeenBoard]:
     """Yield boards with the corners of their markers, which need no lens that is known well.
 
@@ -143,10 +152,10 @@ def _coded_boards(
     """
     camera = task.start_of_lens(lens) or _equidistant(task, lens)
     own = _own_part(task, image, lens)
-    for dictionary in sorted({board.dictionary for board in boards.values()}):
-        missing = {name: board for name, board in boards.items() if board.dictionary == dictionary}
+    for family in sorted({(board.dictionary, border_of(board)) for board in boards.values()}):
+        missing = {name: board for name, board in boards.items() if (board.dictionary, border_of(board)) == family}
         for scale in SCALES:
-            markers = detect_markers(camera, own, dictionary, scale) if missing else []
+            markers = detect_markers(camera, own, family[0], scale, family[1]) if missing else []
             for name, board in list(missing.items()):
                 seen = _marker_view(camera, markers, board, _place(task, shot, name, lens))
                 if seen is not None:
@@ -155,7 +164,7 @@ def _coded_boards(
 
 
 def _marker_view(
-    camera: CameraModel, markers: Sequence[Marker], board: CharucoBoard, place: tuple[str, int, int, int]
+    camera: CameraModel, markers: Sequence[Marker], board: CodedBoard, place: tuple[str, int, int, int]
 ) -> _SeenBoard | None:
     """Return the corners of a board's markers, and which of its layouts fits them; None where too few are seen."""
     counts = Counter(marker.id for marker in markers)

@@ -9,11 +9,20 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
+from calibration.intrinsics.kalibr_target import Chessboard as Chessboard
+from calibration.intrinsics.kalibr_target import read_kalibr_target
 from calibration.lenses.fit import Aperture
-from calibration.targets.target_file import CharucoSpec, Positive, charuco_board, checked_target, refuse_shared_ids
-from calibration.targets.targets import CharucoBoard
+from calibration.targets.target_file import (
+    AprilGridSpec,
+    CharucoSpec,
+    Positive,
+    april_grid,
+    charuco_board,
+    checked_target,
+    refuse_shared_ids,
+)
+from calibration.targets.targets import AprilGrid, CharucoBoard
 from palletloc.cameras import CameraModel, DualFisheye
-from palletloc.geometry import FloatArray
 from palletloc.io.camera_spec import camera_from_spec
 from palletloc.io.reading import InputError, require_file
 from palletloc.io.schema import Angle, CameraSpec, Pixels
@@ -34,10 +43,13 @@ class _ChessboardSpec(Document):
 
 
 class _BoardSpec(Document):
-    """One board: `chessboard` or `charuco`."""
+    """One board: `chessboard`, `charuco`, `aprilgrid`, or a file of Kalibr's that describes it."""
 
     chessboard: _ChessboardSpec | None = None
     charuco: CharucoSpec | None = None
+    aprilgrid: AprilGridSpec | None = None
+    kalibr: str | None = None
+    """A target's file of Kalibr, relative to the folder."""
 
 
 class _IntrinsicsSpec(Document):
@@ -61,26 +73,9 @@ class _IntrinsicsSpec(Document):
     """A file of corners in place of shots and boards, relative to the folder."""
 
 
-@dataclass(frozen=True, slots=True)
-class Chessboard:
-    """A plain chessboard."""
-
-    columns: int
-    """Inner corners side by side."""
-    rows: int
-    """Inner corners one above the other."""
-    square: float
-    """Side of a square, in metres."""
-
-    @property
-    def corners(self) -> FloatArray:
-        """(n, 3) its inner corners, row by row, in metres."""
-        x, y = np.meshgrid(np.arange(self.columns), np.arange(self.rows))
-        grid = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
-        return np.asarray(grid * self.square, dtype=np.float64)
-
-
-_Board = Chessboard | CharucoBoard
+CodedBoard = CharucoBoard | AprilGrid
+"""A board with markers."""
+_Board = Chessboard | CodedBoard
 """Any board."""
 
 
@@ -139,7 +134,7 @@ def read_intrinsics(folder: Path) -> IntrinsicsTask:
         raise DocumentError(f"{path}: expected either the keys shots and boards, or the key corners")
     if spec.shots and not spec.boards:
         raise DocumentError(f"{path}: boards: is missing; expected one board at least")
-    boards = {name: _board(path, name, board) for name, board in spec.boards.items()}
+    boards = {name: _board(path, f"{path}: boards.{name}", board) for name, board in spec.boards.items()}
     _check_boards(path, boards)
     return IntrinsicsTask(
         folder,
@@ -170,15 +165,20 @@ def _start(path: Path, spec: _IntrinsicsSpec) -> CameraModel | None:
     return camera
 
 
-def _board(path: Path, name: str, spec: _BoardSpec) -> _Board:
-    where = f"{path}: boards.{name}"
-    match (spec.chessboard, spec.charuco):
-        case (_ChessboardSpec() as given, None):
-            return Chessboard(given.inner_columns, given.inner_rows, given.square_m)
-        case (None, CharucoSpec() as given):
-            return checked_target(where, charuco_board(given))
+def _board(path: Path, where: str, spec: _BoardSpec) -> _Board:
+    given = [value for value in (spec.chessboard, spec.charuco, spec.aprilgrid, spec.kalibr) if value is not None]
+    match given:
+        case [_ChessboardSpec() as board]:
+            return Chessboard(board.inner_columns, board.inner_rows, board.square_m)
+        case [CharucoSpec() as board]:
+            return checked_target(where, charuco_board(board))
+        case [AprilGridSpec() as board]:
+            return checked_target(where, april_grid(board))
+        case [str() as name]:
+            found = read_kalibr_target(path.parent / name)
+            return found if isinstance(found, Chessboard) else checked_target(str(path.parent / name), found)
         case _:
-            raise DocumentError(f"{where}: expected one of the keys chessboard and charuco")
+            raise DocumentError(f"{where}: expected one of the keys chessboard, charuco, aprilgrid and kalibr")
 
 
 def _check_boards(path: Path, boards: dict[str, _Board]) -> None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +24,9 @@ from calibration.mounting.two_centres import (
     lens_distance,
     lens_finding,
 )
+from calibration.targets.board_detection import misprint
 from calibration.targets.observations import CornerObservation, TargetObservation, observe
+from calibration.targets.targets import SingleTag
 from palletloc.cameras.protocol import CameraModel
 from palletloc.io.camera_spec import is_panorama
 from palletloc.io.images import read_image
@@ -89,6 +91,8 @@ class MountingResult:
     """Of the targets that are seen, in the fit's order."""
     unseen: tuple[str, ...] = ()
     """Targets that no shot shows."""
+    misprints: Mapping[str, str] = field(default_factory=dict)
+    """What is wrong with the print of some of them."""
     frame: ForkliftFrame | None = None
     """Where the forklift stood in the survey; None where the corners were given in its frame."""
 
@@ -141,7 +145,18 @@ def calibrate_mounting(
     on_progress("fitting")
     assessment = assess_mounting(_observed_problem(task, observations, names), task.camera, task.frame)
     unseen = tuple(name for name in task.targets if name not in seen)
-    return MountingResult(assessment, task.camera_spec, tuple(observations), names, unseen, task.frame)
+    misprints = _misprints(task, unseen, size)
+    return MountingResult(assessment, task.camera_spec, tuple(observations), names, unseen, misprints, task.frame)
+
+
+def _misprints(task: MountingTask, unseen: Sequence[str], size: tuple[int, int]) -> dict[str, str]:
+    """Return what is wrong with the print of targets that are not seen, as far as the first shot tells."""
+    boards = [name for name in unseen if not isinstance(task.targets[name], SingleTag)]
+    if not boards:
+        return {}
+    image = read_image(task.folder / task.shots[0], size, gray=True, panorama=is_panorama(task.camera))
+    found = {name: misprint(task.camera, image, task.targets[name]) for name in boards}
+    return {name: why for name, why in found.items() if why}
 
 
 def _observed_problem(

@@ -55,8 +55,12 @@ def _sections(result: MountingResult) -> Iterator[page.Section]:
     if solution is not None:
         yield from _pose_figures(solution)
     # Where no target is seen, one finding says so.
-    unseen = result.unseen if result.names else ()
-    remarks = tuple(f"{Severity.WARNING}: not_seen: target {name} is in no shot" for name in unseen)
+    unseen = result.unseen if result.names else tuple(result.misprints)
+    remarks = tuple(
+        f"{Severity.WARNING}: not_seen: target {name} is in no shot{'; ' if name in result.misprints else ''}"
+        f"{result.misprints.get(name, '')}"
+        for name in unseen
+    )
     yield page.Findings(assessment.findings, _NOTHING, remarks)
     yield from _targets(result, residuals)
     if result.frame is not None:

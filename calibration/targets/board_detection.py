@@ -11,9 +11,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import ArrayLike
 
 from calibration.targets.patches import pixel_density, sphere_patches, view_axes
-from calibration.targets.targets import PrintedPattern, Target, marker_dictionary, patterns
+from calibration.targets.targets import PrintedPattern, Target, border_of, marker_dictionary, patterns
 from palletloc.cameras.protocol import CameraModel
 from palletloc.errors import PalletLocError
 from palletloc.geometry import BoolArray, FloatArray, Image
@@ -22,10 +23,18 @@ SCALES = (1.5, 3.0)
 """Pixels of a patch per pixel of the shot: the second pass is for what the first did not find."""
 _TOLERANCE_PX = 1.5
 """How far a marker's corner may be from where its board has it, in pixels: detection without alignment is as good."""
+_SADDLE_HALF, _STOP = 4, (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 1e-2)
+"""Half side of the window in which a corner of a grid's tag settles, in pixels, and when it has."""
 _SAME = 0.5
 """Two markers of one number are the same where they are nearer than this part of their diagonal."""
 _MIN_MARKERS = 2
 """Fewer markers do not make a board: a single one may be a misreading."""
+_MISPRINTED = 3
+"""So many markers tell that a board is mirrored or inverted: fewer may be misreadings."""
+MIRRORED = "its markers are mirrored: the board was printed as its mirror image, or the shot is flipped"
+"""What is said of a mirrored print."""
+INVERTED = "its markers are inverted: the board was printed as its negative, white for black"
+"""What is said of a negative."""
 _MIN_COS = 0.2
 """Markers farther off the middle than the angle of this cosine are not on its tangent plane."""
 _BLIND_DENSITY = 500.0
@@ -67,7 +76,7 @@ class DetectedTarget:
         return unit
 
 
-def detect_markers(camera: CameraModel, image: Image, dictionary: str, scale: float) -> list[Marker]:
+def detect_markers(camera: CameraModel, image: Image, dictionary: str, scale: float, border: int = 1) -> list[Marker]:
     """Find the markers of one dictionary all over a shot.
 
     Parameters
@@ -78,6 +87,8 @@ def detect_markers(camera: CameraModel, image: Image, dictionary: str, scale: fl
         Name of the dictionary.
     scale : float
         Pixels of a patch per pixel of the shot.
+    border : int
+        Width of the markers' black border, in modules.
 
     Returns
     -------
@@ -89,22 +100,52 @@ def detect_markers(camera: CameraModel, image: Image, dictionary: str, scale: fl
     TargetError
         If there is no such dictionary.
     """
-    detector = _detector(dictionary)
+    detector = _detector(dictionary, border)
     seen: list[Marker] = []
     for patch in sphere_patches(camera, image, scale):
         corners, ids, _ = detector.detectMarkers(patch.image)
         if ids is not None:
-            found = zip(np.ravel(ids), corners, strict=True)
-            seen.extend(Marker(int(i), patch.directions(np.reshape(c, (4, 2)))) for i, c in found)
+            found = zip(np.ravel(ids), (_settled(patch.image, c, border) for c in corners), strict=True)
+            seen.extend(Marker(int(i), patch.directions(c)) for i, c in found)
     return _merge_markers(seen)
 
 
-def _detector(dictionary: str) -> cv2.aruco.ArucoDetector:
+def misprint(camera: CameraModel, image: Image, target: Target) -> str:
+    """Return what is wrong with the print of a target whose markers are not seen; nothing where that is not known.
+
+    Parameters
+    ----------
+    camera, image
+        As for `sphere_patches`.
+    target : Target
+        With several markers: a single one may be another's mirror image.
+    """
+    detector, known = _detector(target.dictionary, border_of(target)), set(patterns(target)[0].marker_ids.tolist())
+    seen: dict[str, set[int]] = {MIRRORED: set(), INVERTED: set()}
+    for patch in sphere_patches(camera, image, SCALES[0]):
+        changed = {MIRRORED: np.ascontiguousarray(patch.image[:, ::-1]), INVERTED: np.asarray(255 - patch.image)}
+        for why, picture in changed.items():
+            _, ids, _ = detector.detectMarkers(picture)
+            if ids is not None:
+                seen[why] |= known & set(np.ravel(ids).tolist())
+    return next((why for why, ids in seen.items() if len(ids) >= _MISPRINTED), "")
+
+
+def _detector(dictionary: str, border: int) -> cv2.aruco.ArucoDetector:
     parameters = cv2.aruco.DetectorParameters()
+    parameters.markerBorderBits = border
     parameters.minMarkerPerimeterRate = 0.01
     parameters.adaptiveThreshWinSizeMax = 43
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     return cv2.aruco.ArucoDetector(marker_dictionary(dictionary), parameters)
+
+
+def _settled(image: Image, corners: ArrayLike, border: int) -> FloatArray:
+    """Return a marker's corners, (4, 2); those of a grid's tags, which are saddles, settle there."""
+    start = np.asarray(corners, dtype=np.float32).reshape(-1, 1, 2)
+    if border > 1:
+        cv2.cornerSubPix(image, start, (_SADDLE_HALF, _SADDLE_HALF), (-1, -1), _STOP)
+    return start.reshape(4, 2).astype(np.float64)
 
 
 def _merge_markers(seen: Iterable[Marker]) -> list[Marker]:

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as DrawnPath
 
-from calibration.targets.targets import CharucoBoard, PrintedPattern, Target, patterns
+from calibration.targets.targets import AprilGrid, CharucoBoard, PrintedPattern, Target, patterns
 
 _INCH, _MM = 0.0254, 0.001
 """In metres."""
@@ -82,6 +82,9 @@ def _title(target: Target, pattern: PrintedPattern) -> str:
         squares = f"squares {1000 * target.square:g} mm, markers {1000 * target.marker:g} mm"
         what = f"ChArUco {target.columns} x {target.rows}, {squares}, {target.dictionary} ids {first} to {last}"
         return f"{what}; {size}; print at 100 %"
+    if isinstance(target, AprilGrid):
+        what = f"{target.columns} x {target.rows} tags {1000 * target.tag:g} mm, {target.dictionary}"
+        return f"{what} ids {first} to {last}; {size}; print at 100 %"
     return f"{target.dictionary} id {first}; {size}; print at 100 %"
 
 
@@ -97,5 +100,10 @@ def target_yaml(target: Target) -> str:
         return (
             f"charuco: {{columns: {target.columns}, rows: {target.rows}, square_m: {target.square:g},"
             f" marker_m: {target.marker:g}, dictionary: {target.dictionary}, first_id: {target.first_id}}}"
+        )
+    if isinstance(target, AprilGrid):
+        return (
+            f"aprilgrid: {{columns: {target.columns}, rows: {target.rows}, tag_m: {target.tag:g},"
+            f" spacing: {target.spacing:g}, first_id: {target.first_id}, border_bits: {target.border}}}"
         )
     return f"tag: {{dictionary: {target.dictionary}, id: {target.id}, size_m: {target.size:g}}}"

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from calibration.bearings import pose_from_bearings
 from calibration.targets.board_detection import SCALES, DetectedTarget, Marker, detect_markers, find_target
-from calibration.targets.targets import PrintedPattern, Target, on_board
+from calibration.targets.targets import PrintedPattern, Target, border_of, on_board
 from calibration.targets.texture_alignment import AlignedCorners, align_corners
 from palletloc.cameras.protocol import CameraModel
 from palletloc.geometry import BoolArray, FloatArray, Image
@@ -93,14 +93,14 @@ def observe(
         If a target cannot exist.
     """
     found: dict[str, DetectedTarget] = {}
-    markers: dict[str, list[Marker]] = {}
+    markers: dict[tuple[str, int], list[Marker]] = {}
     for scale in SCALES:
         missing = {name: target for name, target in targets.items() if name not in found}
-        for dictionary in sorted({target.dictionary for target in missing.values()}):
+        for dictionary, border in sorted({(target.dictionary, border_of(target)) for target in missing.values()}):
             on_progress(f"{shot}: looking for markers of {dictionary}")
-            markers[dictionary] = detect_markers(camera, image, dictionary, scale)
+            markers[dictionary, border] = detect_markers(camera, image, dictionary, scale, border)
         for name, target in missing.items():
-            detected = find_target(camera, markers[target.dictionary], target, name)
+            detected = find_target(camera, markers[target.dictionary, border_of(target)], target, name)
             if detected is not None:
                 found[name] = detected
     on_progress(f"{shot}: measuring {len(found)} targets")

@@ -8,7 +8,7 @@ from typing import Annotated, TypeVar
 
 from pydantic import BeforeValidator, Field
 
-from calibration.targets.targets import CharucoBoard, SingleTag, Target, TargetError, patterns
+from calibration.targets.targets import AprilGrid, CharucoBoard, SingleTag, Target, TargetError, patterns
 from palletloc.io.yaml_document import Document, DocumentError, Numbers
 
 Positive = Annotated[float, BeforeValidator(Numbers(positive=True))]
@@ -37,6 +37,25 @@ class TagSpec(Document):
     id: Count
     size_m: Positive
     """Side of the black border's outer edge."""
+
+
+class AprilGridSpec(Document):
+    """Kalibr's grid of AprilTags."""
+
+    columns: Annotated[int, Field(strict=True, ge=1)]
+    rows: Annotated[int, Field(strict=True, ge=1)]
+    tag_m: Positive
+    """Side of a tag's black border."""
+    spacing: Positive
+    """Room between tags, as a part of their side."""
+    first_id: Count = 0
+    border_bits: Annotated[int, Field(strict=True, ge=1, le=4)] = 2
+    """Width of the black border, in modules; Kalibr prints two."""
+
+
+def april_grid(given: AprilGridSpec) -> AprilGrid:
+    """Return the grid that a file describes; `checked_target` says whether such a grid can exist."""
+    return AprilGrid(given.columns, given.rows, given.tag_m, given.spacing, given.first_id, given.border_bits)
 
 
 def charuco_board(given: CharucoSpec) -> CharucoBoard:

@@ -52,7 +52,31 @@ class SingleTag:
     """Its number in the dictionary."""
 
 
-Target = CharucoBoard | SingleTag
+@dataclass(frozen=True, slots=True)
+class AprilGrid:
+    """Kalibr's grid of AprilTags, with a small black square wherever four of them meet.
+
+    As ``kalibr_create_target_pdf`` prints it: ids count from the lower left, row by row, and tags are turned by 180
+    degrees against OpenCV's.
+    """
+
+    columns: int
+    """Tags side by side."""
+    rows: int
+    """Tags one above the other."""
+    tag: float
+    """Side of a tag's black border, in metres."""
+    spacing: float
+    """Room between tags, as a part of their side."""
+    first_id: int = 0
+    """Of the tag at the lower left."""
+    border: int = 2
+    """Width of the black border, in modules."""
+    dictionary: str = "DICT_APRILTAG_36h11"
+    """As OpenCV names it."""
+
+
+Target = CharucoBoard | SingleTag | AprilGrid
 """Any target."""
 
 
@@ -120,6 +144,8 @@ def patterns(target: Target) -> tuple[PrintedPattern, ...]:
     """
     if isinstance(target, SingleTag):
         return (_tag_pattern(target),)
+    if isinstance(target, AprilGrid):
+        return (_grid_pattern(target),)
     standard = board_pattern(target)
     return (standard,) if target.rows % 2 else (standard, board_pattern(target, legacy=True))
 
@@ -184,10 +210,50 @@ def _tag_pattern(tag: SingleTag) -> PrintedPattern:
     )
 
 
-def _marker_rectangles(dictionary: cv2.aruco.Dictionary, number: int, side: float) -> FloatArray:
+def _grid_pattern(grid: AprilGrid) -> PrintedPattern:
+    dictionary = marker_dictionary(grid.dictionary)
+    if not (grid.columns > 0 and grid.rows > 0 and grid.tag > 0 and 0 < grid.spacing <= 1 and grid.border > 0):
+        raise TargetError(
+            f"a grid needs columns, rows, a size and a spacing up to 1, got {grid.columns} x {grid.rows} tags of"
+            f" {grid.tag:g} m with a spacing of {grid.spacing:g}"
+        )
+    count, gap = grid.columns * grid.rows, grid.spacing * grid.tag
+    _check_ids(dictionary, grid.dictionary, grid.first_id, count)
+    pitch = grid.tag + gap
+    up, across = np.divmod(np.arange(count), grid.columns)
+    corner = np.stack([gap + across * pitch, gap + (grid.rows - 1 - up) * pitch], axis=-1)
+    ids = grid.first_id + np.arange(count)
+    squares = [
+        (x * pitch, y * pitch, x * pitch + gap, y * pitch + gap)
+        for y in range(grid.rows + 1)
+        for x in range(grid.columns + 1)
+    ]
+    bits = [
+        grid.tag - _marker_rectangles(dictionary, int(i), grid.tag, grid.border)[:, [2, 3, 0, 1]] + np.tile(c, 2)
+        for i, c in zip(ids, corner, strict=True)
+    ]
+    corners = corner[:, None] + grid.tag * np.roll(_UNIT, 2, axis=0)
+    return PrintedPattern(
+        grid.columns * pitch + gap,
+        grid.rows * pitch + gap,
+        grid.dictionary,
+        ids,
+        corners,
+        corners.reshape(-1, 2),
+        np.concatenate([np.array(squares), *bits]),
+        CERTAIN * gap,
+    )
+
+
+def border_of(target: Target) -> int:
+    """Return how many modules wide the black border of a target's markers is."""
+    return target.border if isinstance(target, AprilGrid) else 1
+
+
+def _marker_rectangles(dictionary: cv2.aruco.Dictionary, number: int, side: float, border: int = 1) -> FloatArray:
     """Return the black runs of a marker's rows, (k, 4), from its own upper left corner."""
-    modules = dictionary.markerSize + 2
-    black = np.asarray(dictionary.generateImageMarker(number, modules)) == 0
+    modules = dictionary.markerSize + 2 * border
+    black = np.asarray(dictionary.generateImageMarker(number, modules, borderBits=border)) == 0
     edges = np.diff(np.pad(black, ((0, 0), (1, 1))).astype(np.int8), axis=1)
     rows, starts = np.nonzero(edges == 1)
     _, ends = np.nonzero(edges == -1)

@@ -137,7 +137,7 @@ def first_root(powers: FloatArray) -> float:
 
     Examples
     --------
-    >>> first_root(np.array([1.0, 0.0, -0.25]))
+    >>> round(first_root(np.array([1.0, 0.0, -0.25])), 9)
     2.0
     """
     # Lowest power first: these are the roots' inverses, found without dividing by a tiny coefficient.

@@ -31,7 +31,6 @@ from palletloc.evaluation.recording import evaluate_recording, write_results
 from palletloc.evaluation.requirement import Requirement, check_requirement
 from palletloc.evaluation.run import (
     INTERPOLATED_LIMIT,
-    SHOTS_SOURCE,
     ComparedRuns,
     EvaluatedRun,
     EvaluatedSource,
@@ -42,7 +41,7 @@ from palletloc.evaluation.run import (
 from palletloc.evaluation.truth import RecordingTruth, read_recording_truth, survey_notes
 from palletloc.io.atomic import write_text
 from palletloc.io.recording import Recording
-from palletloc.mounting_yaw import SeenTurn, seen_turn, turn_document, turn_lines
+from palletloc.mounting_yaw import turn_lines
 from palletloc.survey.plan import split_columns
 
 BATCH = "batch.json"
@@ -103,20 +102,11 @@ def evaluate_one(
 
         page = evaluation_page(evaluated, with_pictures=with_pictures)
     write_results(evaluated, out, {REPORT: page})
-    document = dict(metrics_document(truth, runs, settings, compared))
+    document = metrics_document(truth, runs, settings, compared)
     tables = (_table(runs), *((_compared(compared),) if compared else ()))
     parts = (*tables, *_remarks(runs), *_notes(truth, settings), f"look at {out / REPORT}")
-    turns = {run.files.name: _seen_turn(run, truth.recording) for run in runs}
-    lines = [
-        f"{name}: {line}" if len(runs) > 1 else line for name, turn in turns.items() for line in turn_lines(turn)
-    ]
-    document["mounting"] = {name: turn_document(turn) for name, turn in turns.items()}
+    lines = [f"{run.files.name}: {line}" if len(runs) > 1 else line for run in runs for line in turn_lines(run.turn)]
     return Shown({"out": out, "report": out / REPORT, **document}, parts, tuple(lines))
-
-
-def _seen_turn(run: EvaluatedRun, recording: Recording) -> SeenTurn | None:
-    """Return by how much a run saw everything turned, by its shots and the odometry."""
-    return seen_turn(run.files.sources[SHOTS_SOURCE], recording.odometry, recording.forklift_from_camera)
 
 
 def settings_of(
@@ -279,7 +269,7 @@ def evaluate_batch(jobs: Sequence[BatchJob], folder: Path, out: Path, work: Batc
     write_text(out / BATCH, metrics_text(document))
     write_text(out / INDEX, page)
     parts = (_batch_table(results, settings.requirement), f"look at {out / INDEX}")
-    remarks = []
+    remarks = [f"{result.name}: {remark}" for result in results for remark in result.remarks]
     if failed:
         names = ", ".join(result.name for result in failed)
         count = f"{len(failed)} of {len(results)} recordings"

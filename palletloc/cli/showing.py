@@ -32,10 +32,12 @@ _JSON = Annotated[
     bool,
     typer.Option("--json", metavar=FLAG, rich_help_panel=RESULTS, help="Print one JSON document instead of tables."),
 ]
+"""The option that asks for a document."""
 _QUIET = Annotated[
     bool,
     typer.Option("--quiet", "-q", metavar=FLAG, rich_help_panel=RESULTS, help="Print nothing but errors."),
 ]
+"""The option that asks for silence."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

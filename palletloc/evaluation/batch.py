@@ -21,6 +21,7 @@ from palletloc.evaluation.statistics import chi_square_check, clopper_pearson, s
 from palletloc.evaluation.truth import read_recording_truth
 from palletloc.geometry import FloatArray
 from palletloc.io.recording import RECORDING
+from palletloc.mounting_yaw import turn_lines
 
 CONNECT_TIMEOUT = 10.0
 """How long to wait for a scheduler, in seconds."""
@@ -74,6 +75,8 @@ class BatchResult:
     """Of each run and source; empty if it failed."""
     problem: str = ""
     """Why it failed, in one line."""
+    remarks: tuple[str, ...] = ()
+    """What contradicts its mounting, one line for each run."""
 
 
 def find_jobs(folder: Path, estimates: Sequence[str], out: Path, settings: Settings) -> tuple[BatchJob, ...]:
@@ -119,21 +122,21 @@ def evaluate_job(
         Gives further files, by name, to be written with the two.
     """
     try:
-        return BatchResult(job.recording.name, _evaluated(job, others))
+        return _evaluated(job, others)
     except (PalletLocError, OSError) as error:
         for name in (METRICS, ERRORS):
             (job.out / name).unlink(missing_ok=True)
         return BatchResult(job.recording.name, problem=" ".join(str(error).split()))
 
 
-def _evaluated(
-    job: BatchJob, others: Callable[[EvaluatedRecording], Mapping[str, str]] | None
-) -> tuple[SourceTotals, ...]:
+def _evaluated(job: BatchJob, others: Callable[[EvaluatedRecording], Mapping[str, str]] | None) -> BatchResult:
     truth = read_recording_truth(job.recording)
     files = [read_run(job.recording / name, truth.recording, name) for name in job.estimates]
     evaluated = evaluate_recording(truth, files, job.settings)
     write_results(evaluated, job.out, others(evaluated) if others else None)
-    return tuple(totals for run in evaluated.runs for totals in _totals(run))
+    totals = tuple(totals for run in evaluated.runs for totals in _totals(run))
+    remarks = tuple(f"{run.files.name}: {line}" for run in evaluated.runs for line in turn_lines(run.turn))
+    return BatchResult(job.recording.name, totals, remarks=remarks)
 
 
 def _totals(run: EvaluatedRun) -> list[SourceTotals]:

@@ -25,6 +25,7 @@ from palletloc.evaluation.run import (
 from palletloc.evaluation.run_match import DetectionRate
 from palletloc.evaluation.statistics import Proportion, Spread, chi_square_check
 from palletloc.evaluation.truth import RecordingTruth, survey_notes
+from palletloc.mounting_yaw import turn_document
 from palletloc.survey.polar import FaceErrors, instrument_errors
 from palletloc.survey.truth import PlacedBody, SurveyedTruth
 
@@ -73,6 +74,7 @@ def metrics_document(
                 "name": run.files.name,
                 "estimate": str(run.files.folder),
                 "sources": {name: _source(source, settings) for name, source in run.sources.items()},
+                **turn_document(run.turn),
             }
             for run in runs
         ],

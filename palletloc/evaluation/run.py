@@ -40,6 +40,7 @@ from palletloc.io.recording import Recording
 from palletloc.io.tracks import TRACKS, TrackRow, read_tracks
 from palletloc.io.truth import path_file
 from palletloc.measurement import PalletMeasurement
+from palletloc.mounting_yaw import SeenTurn, seen_turn
 from palletloc.survey.truth import SurveyedStop
 from palletloc.track_status import Status
 
@@ -198,6 +199,8 @@ class EvaluatedRun:
     """Largest time from a shot to the sample of the truth that was used, in seconds."""
     without_truth: tuple[float, ...]
     """Times of the shots that were left out, in seconds."""
+    turn: SeenTurn | None = None
+    """By how much its shots saw everything turned; None where the drive does not tell."""
 
 
 def evaluate_run(truth: RecordingTruth, run: RunFiles, settings: Settings | None = None) -> EvaluatedRun:
@@ -252,7 +255,9 @@ def evaluate_run(truth: RecordingTruth, run: RunFiles, settings: Settings | None
             raise EvaluationError(_no_truth(truth, asked))
         check = check_requirement(offsets([error for shot in shots for error in shot.errors]), asked.requirement)
         sources[name] = EvaluatedSource(shots, _by_stop(truth, at_stops, asked), check)
-    return EvaluatedRun(run, sources, largest, left_out)
+    recording = truth.recording
+    turn = seen_turn(run.sources.get(SHOTS_SOURCE, ()), recording.odometry, recording.forklift_from_camera)
+    return EvaluatedRun(run, sources, largest, left_out, turn)
 
 
 def _no_truth(truth: RecordingTruth, asked: Settings) -> str:

@@ -70,7 +70,7 @@ def require_overlap(first: FloatArray, second: FloatArray, names: tuple[str, str
         )
         raise EvaluationError(
             f"{', '.join(spans)}: expected times that overlap; are they of one clock?"
-            f" They are {begin - end:.9g} s apart"
+            f" They are {begin - end:.12g} s apart"
         )
 
 

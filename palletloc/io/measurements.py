@@ -12,6 +12,7 @@ import numpy as np
 
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.io.csv_table import Row, format_number, read_rows, write_rows
+from palletloc.io.odometry_check import in_seconds
 from palletloc.measurement import PalletMeasurement, Reason, RefusedCandidate, Stage, YawSource, covariance_fault
 
 POSE_COLUMNS = ("x_m", "y_m", "z_m", "yaw_rad")
@@ -107,7 +108,7 @@ def read_measurements(path: str | Path) -> tuple[PalletMeasurement | NoPose, ...
     InputError
         If the file cannot be read or a row is wrong; names the line.
     """
-    return tuple(parse_measurement(row) for row in read_rows(Path(path), MEASUREMENT_COLUMNS))
+    return tuple(parse_measurement(row) for row in in_seconds(read_rows(Path(path), MEASUREMENT_COLUMNS)))
 
 
 def parse_measurement(row: Row) -> PalletMeasurement | NoPose:

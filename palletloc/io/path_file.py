@@ -14,7 +14,7 @@ import numpy as np
 from palletloc.errors import seconds
 from palletloc.geometry import FloatArray
 from palletloc.io.csv_table import Row, TableError, in_order_of_time, read_rows, shortened
-from palletloc.io.odometry_check import OdometryColumns, check_odometry, in_seconds
+from palletloc.io.odometry_check import OdometryColumns, check_odometry, check_times, in_seconds
 from palletloc.io.path_columns import INDEX, PathColumns, path_columns
 from palletloc.io.path_frame import PathForm, PoseFrame, level_path
 from palletloc.io.reading import read_text
@@ -272,6 +272,7 @@ def _numbers(text: str, mark: str | None = None) -> list[float] | None:
 
 def _assembled(samples: _Samples, form: PathForm) -> PathFile:
     """Return the level path."""
+    check_times(samples.path, np.array(samples.times))
     places = np.array(samples.places)
     yaw: FloatArray
     if len(samples.turns[0]) == 1:

@@ -11,6 +11,7 @@ from pathlib import Path
 from palletloc.errors import seconds
 from palletloc.io.csv_table import Row, read_rows
 from palletloc.io.measurements import POSE_COLUMNS, read_pose
+from palletloc.io.odometry_check import in_seconds
 from palletloc.io.recording import ShotFile
 from palletloc.localizer import Start
 
@@ -60,7 +61,7 @@ def read_starts(path: Path, shots: Sequence[ShotFile]) -> tuple[ShotStarts, ...]
 
 def _pairs(path: Path, shots: Sequence[ShotFile]) -> Iterator[tuple[ShotFile, Start]]:
     times = [shot.time for shot in shots]
-    for row in read_rows(path, START_COLUMNS):
+    for row in in_seconds(read_rows(path, START_COLUMNS)):
         yield _shot_of(row, shots, times), Start(row.text("model"), read_pose(row))
 
 

@@ -16,6 +16,7 @@ from palletloc.io.measurements import (
     read_covariance,
     read_pose,
 )
+from palletloc.io.odometry_check import in_seconds
 from palletloc.track_status import Status
 
 TRACKS = "tracks.csv"
@@ -74,7 +75,7 @@ def read_tracks(path: str | Path) -> tuple[TrackRow, ...]:
     InputError
         If the file cannot be read or a row is wrong; names the line.
     """
-    return tuple(_track(row) for row in read_rows(Path(path), TRACK_COLUMNS))
+    return tuple(_track(row) for row in in_seconds(read_rows(Path(path), TRACK_COLUMNS)))
 
 
 def _track(row: Row) -> TrackRow:

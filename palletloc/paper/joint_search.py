@@ -52,6 +52,8 @@ class JointSearch:
     """(m,) shifts away from the camera, in metres."""
     score: FloatArray
     """(n, m) best agreement."""
+    poses: FloatArray
+    """(n, m, 4) where on each plane that is: (x, y, z, yaw) of ``forklift_from_pallet``."""
     forklift_from_pallet: LevelPose
     """The best pose."""
     best: float
@@ -82,6 +84,7 @@ def search_jointly(
     turns = np.radians(np.linspace(-config.max_turn_deg, config.max_turn_deg, config.turns))
     depths = np.linspace(-config.nearer, config.farther, config.depths)
     score = np.full((len(turns), len(depths)), -np.inf)
+    poses = np.zeros((*score.shape, 4))
     best, pose = -np.inf, start
     for i, turn in enumerate(turns):
         for k, depth in enumerate(depths):
@@ -89,11 +92,12 @@ def search_jointly(
             if base is None:
                 return Reason.BEHIND_FACE
             score[i, k], place = _match(shot, base, model, config)
+            poses[i, k] = place.as_array()
             if score[i, k] > best:
                 best, pose = score[i, k], place
     if best < config.min_score:
         return Reason.NO_PEAK
-    return JointSearch(turns, depths, score, pose, float(best))
+    return JointSearch(turns, depths, score, poses, pose, float(best))
 
 
 def _slid(start: LevelPose, center: FloatArray, turn: float, depth: float) -> LevelPose | None:

@@ -53,10 +53,15 @@ class Sweep:
     """(n,) best agreement at each depth."""
     peaks: tuple[LevelPose, ...]
     """The best positions, well apart, as ``forklift_from_pallet``; the best first."""
-    best: float
-    """Agreement at the first peak."""
+    agreement: tuple[float, ...]
+    """Agreement at each of them."""
     view: PlaneView
     """The view that was swept."""
+
+    @property
+    def best(self) -> float:
+        """Agreement at the first peak."""
+        return self.agreement[0]
 
 
 def sweep(
@@ -111,15 +116,16 @@ def sweep(
     if score.max() < config.min_score:
         return Reason.NO_PEAK
     forklift_from_plane = base.transform() * PALLET_FROM_VERTICAL
-    peaks = []
+    peaks, agreement = [], []
     for i, k in _peaks(score, placement, distance, places, config):
+        agreement.append(float(score[i, k]))
         away = (float(placement.scale[i, 0]) - 1) * distance
         place = np.array([places[k] + drift[i, 0], placement.height[i, 0], -away])
         x, y, z = forklift_from_plane.apply(place)
         turned = wrap_angle(base.yaw + float(placement.yaw[i, 0]))
         peaks.append(LevelPose(float(x), float(y), float(z), turned))
     by_depth = score.reshape(-1, len(depth), len(places)).max(axis=(0, 2))
-    return Sweep(depth, by_depth, tuple(peaks), float(score.max()), view)
+    return Sweep(depth, by_depth, tuple(peaks), tuple(agreement), view)
 
 
 def _peaks(

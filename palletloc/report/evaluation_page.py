@@ -16,6 +16,7 @@ from palletloc.evaluation.requirement import RequirementCheck, Verdict
 from palletloc.evaluation.run import EvaluatedRun, EvaluatedSource, Settings
 from palletloc.evaluation.statistics import chi_square_check
 from palletloc.evaluation.truth import RecordingTruth
+from palletloc.mounting_yaw import turn_lines
 from palletloc.report import evaluation_sections as sections
 from palletloc.report.approach_figures import aisle_figure, approach_figure
 from palletloc.report.error_figures import distance_figure, histogram_figure
@@ -106,6 +107,8 @@ def _setting(truth: RecordingTruth, run: EvaluatedRun, settings: Settings) -> It
 
 def _run(truth: RecordingTruth, run: EvaluatedRun, settings: Settings) -> Iterator[str]:
     yield heading(run.files.name)
+    for line in turn_lines(run.turn):
+        yield paragraph(f"{line[0].upper()}{line[1:]}.", "lead")
     for name, source in run.sources.items():
         yield from _verdict(STYLES[name].label, source)
     yield table(_SUMMARY, (row for name, source in run.sources.items() for row in _summary(name, source)))

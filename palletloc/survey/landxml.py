@@ -194,4 +194,6 @@ def _parsed(path: Path) -> _Content:
         raise SurveyError(f"{path}: is not XML: expected UTF-8") from None
     except expat.ExpatError as error:
         raise SurveyError(f"{path}, line {error.lineno}: is not XML: {expat.ErrorString(error.code)}") from None
+    except (LookupError, ValueError) as error:  # an encoding that Python does not know, or not as expat needs it
+        raise SurveyError(f"{path}, line 1: is not XML: {error}") from None
     return content

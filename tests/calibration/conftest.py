@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from calibration.intrinsics.task import Chessboard
-from calibration.targets.targets import CharucoBoard, SingleTag, Target, marker_dictionary, patterns
+from calibration.targets.targets import AprilGrid, CharucoBoard, SingleTag, Target, marker_dictionary, patterns
 from palletloc.__main__ import COMMANDS
 from palletloc.cameras import CameraModel
 from palletloc.cli.app import run
@@ -55,12 +55,31 @@ def print_of(target: Printed, *, legacy: bool = False) -> tuple[FloatArray, floa
     if isinstance(target, SingleTag):
         picture = dictionary.generateImageMarker(target.id, 20 * (dictionary.markerSize + 2))
         return np.asarray(picture, dtype=np.float64) / 255, target.size
+    if isinstance(target, AprilGrid):
+        return grid_picture(target)
     ids = target.first_id + np.arange(target.columns * target.rows // 2)
     size = (target.columns, target.rows)
     board = cv2.aruco.CharucoBoard(size, target.square, target.marker, dictionary, ids)
     board.setLegacyPattern(legacy)
     picture = board.generateImage((size[0] * 48, size[1] * 48))
     return np.asarray(picture, dtype=np.float64) / 255, target.columns * target.square
+
+
+def grid_picture(grid: AprilGrid, module: int = 8) -> tuple[FloatArray, float]:
+    """Return a grid as Kalibr draws it, with OpenCV's markers turned, and its width in metres."""
+    dictionary, side = marker_dictionary(grid.dictionary), module * 10
+    gap = round(side * grid.spacing)
+    pitch = side + gap
+    picture = np.ones((grid.rows * pitch + gap, grid.columns * pitch + gap))
+    for i in range(grid.rows + 1):
+        for j in range(grid.columns + 1):
+            picture[i * pitch : i * pitch + gap, j * pitch : j * pitch + gap] = 0.0
+    for number in range(grid.rows * grid.columns):
+        up, across = divmod(number, grid.columns)
+        top, left = picture.shape[0] - gap - up * pitch - side, gap + across * pitch
+        tag = np.asarray(dictionary.generateImageMarker(grid.first_id + number, side, borderBits=2))
+        picture[top : top + side, left : left + side] = tag[::-1, ::-1] / 255
+    return picture, picture.shape[1] / side * grid.tag
 
 
 @pytest.fixture

@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from palletloc import Candidate, Fit, LevelPose, LocalizerConfig, PalletModel, Refusal, Shot
-from palletloc.baselines import measure_as_in_paper, measure_jointly, measure_on_planes, nearest_line
+from palletloc.baselines import (
+    _checked,
+    _second_moment,
+    measure_as_in_paper,
+    measure_jointly,
+    measure_on_planes,
+    nearest_line,
+)
 from palletloc.candidate import last_step, steps_of
 from palletloc.measurement import HeightPrior, Reason, Stage, YawSource
 from palletloc.paper.boundary import BoundaryLine
@@ -187,3 +194,47 @@ def test_the_joint_search_is_kept_and_the_yaw_is_the_faces(portrait: Portrait, t
     assert joint.score.shape == (9, 9)
     assert (fit.pose, fit.rank) == (joint.forklift_from_pallet, joint.best)
     assert fit.yaw_from is YawSource.FACE
+
+
+# What they are sure of.
+
+
+@COARSE
+def test_a_pose_that_stands_on_no_known_level_is_refused(
+    measure: Measure, portrait: Portrait, t11: PalletModel
+) -> None:
+    wrong = HeightPrior(POSE.z + 0.5, 0.0025)
+    fit = found(measured(measure, portrait(t11, POSE), t11))
+    outcome = _checked(portrait(t11, POSE), replace(fit, candidate=replace(fit.candidate, height=wrong)), CONFIG)
+    assert isinstance(outcome, Refusal)
+    assert (outcome.stage, outcome.reason) == (Stage.VERIFICATION, Reason.OFF_LEVEL)
+
+
+def test_where_nothing_looks_like_a_pallet_or_the_place_is_unsure_the_pose_is_refused(
+    portrait: Portrait, t11: PalletModel
+) -> None:
+    shot = portrait(t11, POSE)
+    fit = found(measured(measure_as_in_paper, shot, t11))
+    wide = replace(fit, covariance=fit.covariance + np.diag([0.1**2, 0.0, 0.0, 0.0]))
+    for refused, image, reason in ((fit, blanked(shot), Reason.LOW_CONTRAST), (wide, shot, Reason.UNCERTAIN)):
+        outcome = _checked(image, refused, CONFIG)
+        assert isinstance(outcome, Refusal)
+        assert (outcome.reason, outcome.fit) == (reason, refused)
+
+
+def test_hypotheses_that_agree_as_well_count_by_their_distance_and_others_hardly() -> None:
+    best, other = np.zeros(4), np.array([0.2, 0.0, -0.1, 0.05])
+    np.testing.assert_allclose(_second_moment([best], [0.6]), np.zeros((4, 4)))
+    np.testing.assert_allclose(_second_moment([best, other], [0.6, 0.6]), np.outer(other, other) / 2)
+    less = [_second_moment([best, other], [0.6, 0.6 * share])[0, 0] for share in (1.0, 0.95, 0.9, 0.5)]
+    assert less == sorted(less, reverse=True)
+    assert less[-1] < 1e-4 * less[0]
+    turned = np.array([0.0, 0.0, 0.0, 2 * np.pi])
+    np.testing.assert_allclose(_second_moment([best, turned], [0.6, 0.6]), np.zeros((4, 4)), atol=1e-15)
+
+
+@COARSE
+def test_a_coarse_pose_is_as_right_as_it_says(measure: Measure, portrait: Portrait, t11: PalletModel) -> None:
+    fit = found(measured(measure, portrait(t11, POSE), t11))
+    error = fit.pose.minus(POSE)
+    assert error @ np.linalg.solve(fit.covariance, error) < 16.0

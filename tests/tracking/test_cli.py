@@ -2,6 +2,7 @@ import json
 import re
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -262,9 +263,22 @@ def test_measurements_of_which_none_can_be_used_are_one_line(capsys: pytest.Capt
     odometry = Path("approach/odometry.csv")
     odometry.write_text(re.sub(r"^(\d)", r"9\1", odometry.read_text(), flags=re.MULTILINE))  # from 90 s on
     assert track("--measurements", "m.csv") == 1
-    expected = "palletloc: approach: none of 4 measurements can be used; the first: no odometry at its time\n"
-    assert capsys.readouterr() == ("", expected)
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    first = "palletloc: approach: none of 4 measurements can be used; the first: no odometry at its time"
+    clocks = r"; shots are from 0 s to [\d.]+ s, odometry from 90 s to [\d.]+ s: [\d.]+ s apart\n"
+    assert re.fullmatch(re.escape(first) + clocks, printed.err)
     assert not Path("out").exists()
+
+
+@pytest.mark.usefixtures("here")
+def test_measurements_that_are_all_too_vague_are_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    vague = [replace(seen(0.5 * number), covariance=np.eye(4)) for number in range(4)]
+    write_measurements(Path("m.csv"), vague)
+    assert track("--measurements", "m.csv") == 1
+    reason = "no track there, and too uncertain to begin one"
+    expected = f"palletloc: approach: none of 4 measurements can be used; the first: {reason}\n"
+    assert capsys.readouterr() == ("", expected)
 
 
 @pytest.mark.usefixtures("here", "finds")

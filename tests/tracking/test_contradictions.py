@@ -1,5 +1,6 @@
 """Recordings that contradict themselves, through the commands that read them."""
 
+import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -90,6 +91,18 @@ def test_a_camera_that_is_turned_is_told_in_one_line(
     assert turn == pytest.approx(-turned_deg, abs=0.1)
     assert yaw == pytest.approx(-turned_deg, abs=0.1)
     assert 0.1 < sigma < 0.4
+    if command == "evaluate":
+        (document,) = json.loads(Path("out/metrics.json").read_text())["runs"]
+        assert document["mounting_yaw_off_deg"] == pytest.approx(-turned_deg, abs=0.1)
+        assert document["mounting_yaw_sigma_deg"] == pytest.approx(sigma, abs=0.006)
+
+
+@pytest.mark.usefixtures("approach")
+def test_a_check_of_shots_that_odometry_does_not_reach_says_so(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("approach/odometry.csv").write_text(f"{ODOMETRY}\n500,0,0,0,0,0\n501,0,0,0,0,0\n")
+    assert run(["calibrate", "check", "approach"], COMMANDS) == 3
+    said = "palletloc: degenerate: nothing_seen: no source tells roll and pitch (odometry reaches no shot); "
+    assert capsys.readouterr().err.startswith(said)
 
 
 FAULTS = Path(__file__).resolve().parents[2].parent / "shared/data/faults"

@@ -213,3 +213,12 @@ def restored_or_fault(snapshot: Any) -> PalletTracker | str:
 def test_something_else_is_no_snapshot(given_snapshot: Any) -> None:
     with pytest.raises(SnapshotError, match="snapshot"):
         PalletTracker.restore(given_snapshot)
+
+
+@pytest.mark.parametrize("seed", [0, 7, 10])
+def test_tracks_that_a_late_first_measurement_renamed_can_be_restored(make_site: SiteMaker, seed: int) -> None:
+    site, tracker = make_site(seed), PalletTracker()
+    for number, each in enumerate(site.late(site.stream(3.0))):
+        tracker.push(each)
+        if number % 15 == 7:
+            assert_same(tracker, again(tracker))

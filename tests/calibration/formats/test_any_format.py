@@ -34,8 +34,14 @@ FAULTS = Path(__file__).resolve().parents[3].parent / "shared/data/faults"
         ("a: 1\na: 2\n", "line 2: is not yaml: key 'a' stands there twice"),
         ("a: &a [x, x]\nb: &b [*a, *a]\n" + "".join(
             f"c{i}: &c{i} [{', '.join([f'*c{i - 1}' if i else '*b'] * 9)}]\n" for i in range(9)
-        ), "repeats itself without end"),
-        ("a: &a [*a]\n", "repeats itself without end"),
+        ), "its references stand for more than"),
+        ("a: &a [*a]\n", "stands for itself"),
+        (echo().replace("500.0, 0.0, 320.0", "8:20, 0.0, 320.0"), "K[0]: expected a finite number, got '8:20'"),
+        (echo().replace("width: 640", "width: 0640"), "width: expected a finite number, got '0640'; expected it in"),
+        ("1 PINHOLE 640 480 nan 500 320 240\n", "line 1.fx: expected a finite number, got 'nan'"),
+        ("1 OPENCV_FISHEYE 640 480 500 500 320 240 1e9 -1e9 0 0\n", "degrees off axis; expected smaller coeff"),
+        ("width: 640\nheight: 0x1" + "f" * 20000 + "\nK: []\n", "height: expected a finite number"),
+        ("1 PINHOLE 640 480 1e9 500 320 240\n", "line 1: focal lengths and centre: expected pixels from"),
         ("a: !!python/object:os.system x\n", "is not yaml"),
         ('{"a": ' + "1" * 5000 + "}", "a number is too long"),
         ("[" * 100000, "is not JSON"),

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
+from calibration.formats.any_format import read_cameras
 from calibration.formats.ocam import OcamCamera
 from palletloc.cameras import CameraModel, Equirectangular, Eucm, KannalaBrandt, Mei, Pinhole
 from palletloc.errors import PalletLocError
@@ -57,6 +58,10 @@ class TestColmap:
         camera = read("1 OPENCV_FISHEYE 1920 1080 900 900 960 540 0.01 -0.001 0 0\n")
         assert isinstance(camera, KannalaBrandt)
         assert (camera.fx, camera.cx, camera.cy, camera.k1, camera.k2) == (900, 959.5, 539.5, 0.01, -0.001)
+
+    def test_half_a_pixel_is_told(self, tmp_path: Path) -> None:
+        (tmp_path / "c").write_text("1 PINHOLE 1920 1080 900 900 960 540\n")
+        assert "half a pixel less" in read_cameras(tmp_path / "c")[0].note
 
     def test_panoramas_have_no_lens(self, read: Written) -> None:
         assert read("1 EQUIRECTANGULAR 3840 1920 3840 1920\n") == Equirectangular(3840, 1920)

@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from calibration.targets.board_detection import DuplicateTargetError, detect_markers, find_target
+from calibration.targets.board_detection import (
+    INVERTED,
+    MIRRORED,
+    DuplicateTargetError,
+    detect_markers,
+    find_target,
+    misprint,
+)
 from calibration.targets.observations import observe
 from calibration.targets.patches import (
     HALF_FOV,
@@ -29,6 +36,16 @@ TAG = SingleTag(0.2, "DICT_APRILTAG_36h11", 5)
 
 def at(x: float, y: float, z: float) -> RigidTransform:
     return facing(np.array([x, y, z]), np.zeros(3), 0.2, 0.1)
+
+
+def test_prints_that_are_wrong_are_told(render: Callable[..., Image]) -> None:
+    camera = Pinhole(400, 300, 450.0, 450.0, 199.5, 149.5)
+    middle = at(1.3, 0.15, 0.2)
+    shot = render(camera, [(EVEN, middle)])
+    assert misprint(camera, np.ascontiguousarray(shot[:, ::-1]), EVEN) == MIRRORED
+    assert misprint(camera, np.asarray(255 - shot), EVEN) == INVERTED
+    assert misprint(camera, shot, EVEN) == ""
+    assert misprint(camera, np.ascontiguousarray(shot[:, ::-1]), ODD) == ""
 
 
 def test_patches_cover_the_sphere_with_room_for_a_marker() -> None:

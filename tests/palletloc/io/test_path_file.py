@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from palletloc.errors import PalletLocError
+from palletloc.errors import PalletLocError, seconds
 from palletloc.geometry import FloatArray, LevelPose
 from palletloc.io.csv_table import TableError
 from palletloc.io.measurements import read_measurements
@@ -18,7 +18,7 @@ from palletloc.io.path_frame import PathForm, PoseFrame
 from palletloc.io.reading import InputError
 from palletloc.io.recording import read_recording
 from palletloc.io.truth import read_truth
-from palletloc.trajectory import Trajectory
+from palletloc.trajectory import Trajectory, TrajectoryError
 
 OWN = ("time_s", "x_m", "y_m", "yaw_rad", "speed_mps", "yaw_rate_radps")
 RATES = OWN[4:]
@@ -276,6 +276,7 @@ def test_a_recording_in_nanoseconds_is_refused(folder: Path, name: str) -> None:
         ("time,x,y,yaw\n0,0,0,0\n1,0,0", r"line 3: expected 4 cells, got 3"),
         ("time,x,y,yaw\n", r"has no rows"),
         ("time,x,y,yaw\n1e300,0,0,0", r"line 2: time: expected seconds from .* got 1e\+300"),
+        ("time,x,y,yaw\n1700000000000,0,0,0", r"time_s: 1\.7e12: milliseconds\?"),
     ],
 )
 @pytest.mark.parametrize("name", ["odometry.csv", "a.tum"])
@@ -320,5 +321,16 @@ def test_the_faults_that_were_found_are_right_now(tmp_path: Path, folder: Path, 
         with pytest.raises(InputError, match=rf"{name}: time_s: 1\.7e18: nanoseconds\?"):
             read_recording(folder)
         (folder / name).write_bytes(before)
-    with pytest.raises(TableError, match=r"measurements\.csv, line 2: time_s: .* are these nanoseconds\?"):
+    with pytest.raises(InputError, match=r"measurements\.csv: time_s: 1\.7e18: nanoseconds\?"):
         read_measurements(faults / "stamps-in-nanoseconds" / "measurements.csv")
+
+
+def test_clocks_that_differ_are_told_with_their_distance() -> None:
+    path = Trajectory(TIMES, X, Y, YAW)
+    said = r"no pose at 1699996400\.25 s: .* between 1700000000 s and 1700000002 s .*, and it is 3599\.75 s before"
+    with pytest.raises(TrajectoryError, match=said):
+        path.pose_at(START - 3600 + 0.25)
+    with pytest.raises(TrajectoryError, match=r"no pose at 7 s: .* it is 1699999993 s before"):
+        path.pose_at(7.0)
+    assert seconds(START + 0.1, START + 0.2) == ("1700000000.1", "1700000000.2")
+    assert seconds(0.123456789, 3.0) == ("0.123457", "3")

@@ -172,6 +172,7 @@ def _whole(part: type[Document], others: Iterable[str]) -> type[Document]:
     return create_model(part.__name__, __base__=part, **keys)
 
 
+@cache
 def _schema(kind: type[Any], ranges: Ranges) -> type[Document]:
     """Return what a file may say about a dataclass whose fields all have defaults."""
     defaults = kind()

@@ -261,13 +261,13 @@ def _read_times(path: Path, form: PathForm, count: int) -> list[float]:
 
 
 def _numbers(text: str, mark: str | None = None) -> list[float] | None:
-    """Return the finite numbers of a line; None where it holds anything else."""
+    """Return the numbers of a line, none beyond what a time may be; None where it holds anything else."""
     mark = mark or ("," if "," in text else None)
     try:
         numbers = [float(cell) if "_" not in cell else math.nan for cell in text.split(mark)]
     except ValueError:
         return None
-    return numbers if all(math.isfinite(number) for number in numbers) else None
+    return None if any(range_of("time_s").fault(number) for number in numbers) else numbers
 
 
 def _assembled(samples: _Samples, form: PathForm) -> PathFile:

@@ -190,8 +190,6 @@ def _parsed(path: Path) -> _Content:
     parser.StartDoctypeDeclHandler = doctype
     try:
         parser.Parse(read_bytes(path), True)
-    except (LookupError, ValueError):
-        raise SurveyError(f"{path}: is not XML: expected UTF-8") from None
     except expat.ExpatError as error:
         raise SurveyError(f"{path}, line {error.lineno}: is not XML: {expat.ErrorString(error.code)}") from None
     except (LookupError, ValueError) as error:  # an encoding that Python does not know, or not as expat needs it

@@ -23,7 +23,7 @@ from palletloc.rivals import Measure, Rival
 from palletloc.shot import Shot
 from palletloc.verification import CLEAR_CONTRAST, NATS_PER_EDGE, Evidence
 
-WRONG_MODEL = 0.01
+WRONG_MODEL = 0.05
 """How often the models that a recording names are not those that stand there, before anything is seen."""
 DIFFERENT = 0.02
 """From what difference of its edges on another model is another pallet, in metres: less is what wear does."""
@@ -110,8 +110,10 @@ def unstated_models(
             nats = _explained(rival) - _explained(best)
             chance = nats + math.log(WRONG_MODEL / (1 - WRONG_MODEL))
             apart, better = rival.pose.minus(best.pose), BetterModel(model.name, nats)
+            # one whose own edges are in doubt makes the pose less certain, but is no reason to give it up
+            sigmas = _sigmas(apart, best.face) if rival.face.doubt <= config.face_fit.max_doubt else 0.0
             if chance >= -NATS_PER_EDGE:
-                yield Rival(chance, apart, _sigmas(apart, best.face), Reason.OTHER_MODEL, better=better)
+                yield Rival(chance, apart, sigmas, Reason.OTHER_MODEL, better=better)
 
 
 def _explained(fit: Fit) -> float:

@@ -319,7 +319,7 @@ def holds(reader: Reader, folder: Path, seed: int | None) -> None:
 def test_a_damaged_file_is_read_or_refused_with_an_error_of_the_project(name: str, tmp_path: Path) -> None:
     holds(READERS[name], tmp_path, None)
 
-    @settings(ENOUGH, max_examples=2 * settings.default.max_examples)
+    @settings(ENOUGH, max_examples=2 * settings().max_examples)
     @given(st.integers(0, 2**32))
     def drawn(seed: int) -> None:
         holds(READERS[name], tmp_path, seed)

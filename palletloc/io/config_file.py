@@ -17,7 +17,7 @@ from fnmatch import fnmatchcase
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import yaml
 from pydantic import AfterValidator, BeforeValidator, Field, create_model
@@ -121,7 +121,7 @@ def read_section(path: Path, name: str, kind: type[_Config], ranges: Ranges) -> 
     InputError
         As `read_config`.
     """
-    part = _schema(kind, ranges)
+    part = _schema(cast(Any, kind), ranges)
     others = [*get_type_hints(LocalizerConfig), *(section for section in OTHER_SECTIONS if section != name)]
     keys: dict[str, Any] = {name: (part, Field(default_factory=part))}
     document = read_document(path, _whole(create_model(kind.__name__, __base__=Document, **keys), others))
@@ -180,7 +180,7 @@ def _schema(kind: type[Any], ranges: Ranges) -> type[Document]:
     for name, hint in get_type_hints(kind).items():
         default = getattr(defaults, name)
         if is_dataclass(default):
-            part = _schema(type(default), ranges)
+            part = _schema(cast(Any, type(default)), ranges)  # classes are hashable; their protocol does not say so
             keys[name] = (part, Field(default_factory=part))
         else:
             keys[name] = (_checked(name, hint, ranges), default)

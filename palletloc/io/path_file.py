@@ -212,10 +212,7 @@ def _in_seconds(samples: _Samples, columns: PathColumns, cells: Sequence[str]) -
 
 def _add(samples: _Samples, row: Row, columns: PathColumns) -> None:
     def number(name: str) -> float:
-        found = _numbers(row.cells[name])
-        if found is None or len(found) != 1:
-            raise row.fault(f"{name}: expected a finite number, got {shortened(row.cells[name])}")
-        return found[0] * columns.factors[name]
+        return row.number(name, "time_s" if name in ("time", "sec", "nsec") else "") * columns.factors[name]
 
     time = number("sec") + number("nsec") * 1e-9 if {"sec", "nsec"} <= row.cells.keys() else number("time")
     place = [number(name) if name in row.cells else 0.0 for name in "xyz"]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import os
 import re
+import threading
 from contextlib import suppress
 from pathlib import Path
-from threading import Lock
 
 import cv2
 import numpy as np
@@ -33,7 +33,7 @@ _STANDARD_ERROR = 2
 """Its file descriptor."""
 _MOST_SAID = 1 << 16
 """How many bytes of what a decoder says are kept: what a pipe holds."""
-_ONE_AT_A_TIME = Lock()
+_ONE_AT_A_TIME = threading.Lock()
 """Held while standard error is taken: it belongs to the whole process."""
 
 

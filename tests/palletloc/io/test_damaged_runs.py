@@ -153,6 +153,19 @@ def test_a_damaged_entry_is_left_out_and_its_shot_done_again(
     assert files(tmp_path) == whole
 
 
+@pytest.mark.parametrize("name", ["deep", "number_99", "number_list", "number_text", "rows_int"])
+def test_entries_that_were_taken_or_broke_a_run_are_left_out(
+    tmp_path: Path, whole: dict[str, str], name: str, shared_data: Path
+) -> None:
+    _, *lines = (shared_data / "faults" / f"journal_{name}" / "unfinished.jsonl").read_text().splitlines()
+    with pytest.raises(RuntimeError):
+        work(tmp_path, fail_at=3, kind=RuntimeError)
+    with (tmp_path / JOURNAL).open("a") as journal:
+        journal.write("\n".join(lines) + "\n")
+    assert set(work(tmp_path, resume=True)) - {0} == {3, 4}  # some name shot 0: it is done again
+    assert files(tmp_path) == whole
+
+
 @pytest.mark.parametrize("done", ["Infinity", "true", '"5"', "-1", "6", "5.0", "[5]", "1e999", "9" * 5000, "null"])
 def test_a_status_with_a_count_that_cannot_be_is_not_resumed(tmp_path: Path, done: str) -> None:
     work(tmp_path)

@@ -65,8 +65,10 @@ def _stands(outcome: Fit | Refusal, config: VerificationConfig) -> bool:
     """Tell whether something keeps its place: a fit, or a pallet that was given up."""
     if isinstance(outcome, Fit):
         return True
-    if outcome.fit is None or outcome.fit.evidence is None or outcome.reason is Reason.OVERLAP:
+    if outcome.fit is None or outcome.reason is Reason.OVERLAP:
         return False
+    if outcome.fit.evidence is None:  # a coarse pose of what may be a pallet
+        return outcome.reason in {Reason.UNCERTAIN, Reason.OFF_LEVEL}
     return verify(outcome.fit.evidence, config) is None
 
 

@@ -190,6 +190,14 @@ def test_the_better_of_two_stays_and_what_was_refused_excludes_nothing(epal: Pal
     assert stays(unseen, placed(epal, 0.0, 0.1)) == [False, True]
 
 
+@pytest.mark.parametrize("reason", [Reason.UNCERTAIN, Reason.OFF_LEVEL])
+def test_a_coarse_pose_that_was_given_up_keeps_worse_ones_away(reason: Reason, epal: PalletModel) -> None:
+    refused = given_up(placed(epal, 0.0, 0.6), reason)
+    assert stays(refused, placed(epal, 0.45, 0.4)) == [False, False]
+    assert stays(refused, placed(epal, 0.45, 0.8)) == [False, True]
+    assert stays(refused, placed(epal, 1.3, 0.4)) == [False, True]
+
+
 @pytest.mark.parametrize(("aside", "expected"), [(0.0, True), (0.45, False)])
 def test_what_is_uncertain_keeps_others_away_but_not_a_better_fit_of_its_own_pallet(
     aside: float, expected: bool, portrait: Portrait, t11: PalletModel

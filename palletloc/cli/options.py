@@ -15,11 +15,12 @@ from palletloc.cli.help import FLAG, INPUT, MEASURING, RESULTS
 def within(low: float, high: float) -> Callable[[Any], Any]:
     """Return the check of an option's numbers; unlike ``min`` and ``max`` it refuses what is not a number."""
 
-    def checked(given: Any) -> Any:
+    def checked(parameter: typer.CallbackParam, given: Any) -> Any:
         for number in given if isinstance(given, list | tuple) else [] if given is None else [given]:
             if not low <= number <= high:
                 raise typer.BadParameter(f"expected a number from {low:g} to {high:g}, got {number:g}")
-        return given
+        # typer 0.16 wants a list where an option may be repeated, if it was not even given once
+        return [] if given is None and parameter.multiple else given
 
     return checked
 

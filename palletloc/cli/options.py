@@ -12,7 +12,7 @@ from palletloc.choices import Method
 from palletloc.cli.help import FLAG, INPUT, MEASURING, RESULTS
 
 
-def within(low: float, high: float) -> Callable[[Any], Any]:
+def within(low: float, high: float) -> Callable[..., Any]:
     """Return the check of an option's numbers; unlike ``min`` and ``max`` it refuses what is not a number."""
 
     def checked(parameter: typer.CallbackParam, given: Any) -> Any:

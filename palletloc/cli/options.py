@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,8 +11,8 @@ from palletloc.choices import Method
 from palletloc.cli.help import FLAG, INPUT, MEASURING, RESULTS
 
 
-def within(low: float, high: float) -> Callable[..., Any]:
-    """Return the check of an option's numbers; unlike ``min`` and ``max`` it refuses what is not a number."""
+def within(low: float, high: float) -> dict[str, Any]:
+    """Return the settings of an option whose numbers have a range; ``min`` and ``max`` alone would let nan in."""
 
     def checked(parameter: typer.CallbackParam, given: Any) -> Any:
         for number in given if isinstance(given, list | tuple) else [] if given is None else [given]:
@@ -22,7 +21,7 @@ def within(low: float, high: float) -> Callable[..., Any]:
         # typer 0.16 wants a list where an option may be repeated, if it was not even given once
         return [] if given is None and parameter.multiple else given
 
-    return checked
+    return {"min": low, "max": high, "callback": checked}
 
 
 RecordingFolder = Annotated[Path, typer.Argument(metavar="RECORDING", help="Folder of the recording.")]

@@ -60,35 +60,29 @@ def simulate(
         list[float] | None,
         typer.Option(
             rich_help_panel=SCENE,
-            callback=within(0, 20),
+            **within(0, 20),
             help="Height that loads stand on, in metres; may be repeated (0 and 1.55 if none).",
         ),
     ] = None,
     blur: Annotated[
         float,
-        typer.Option(
-            rich_help_panel=SENSOR, min=0, max=20, callback=within(0, 20), help="Blur, in pixels (one sigma)."
-        ),
+        typer.Option(rich_help_panel=SENSOR, **within(0, 20), help="Blur, in pixels (one sigma)."),
     ] = 0.6,
     noise: Annotated[
         float,
         typer.Option(
             rich_help_panel=SENSOR,
-            min=0,
-            max=100,
-            callback=within(0, 100),
+            **within(0, 100),
             help="Noise, in grey levels of 255 (one sigma).",
         ),
     ] = 1.5,
-    gain: Annotated[
-        float, typer.Option(rich_help_panel=SENSOR, min=0.01, max=100, callback=within(0.01, 100), help="Exposure.")
-    ] = 1.0,
+    gain: Annotated[float, typer.Option(rich_help_panel=SENSOR, **within(0.01, 100), help="Exposure.")] = 1.0,
     occluders: Annotated[
         int, typer.Option(rich_help_panel=SCENE, min=0, max=1000, help="Pallets that something stands before.")
     ] = 0,
     gloss: Annotated[
         float,
-        typer.Option(rich_help_panel=SCENE, min=0, max=1, callback=within(0, 1), help="How much the floor mirrors."),
+        typer.Option(rich_help_panel=SCENE, **within(0, 1), help="How much the floor mirrors."),
     ] = 0.0,
 ) -> Shown:
     """Write a synthetic recording with its truth: an approach to a rack, drawn from a seed."""

@@ -110,7 +110,9 @@ def wide_start(shot: Shot, best: Fit | Refusal, measure: Measure, config: Locali
     """
     if isinstance(best, Refusal) and best.stage is Stage.START:
         return
-    if isinstance(best, Fit) and (best.face is None or best.rank >= config.verification.certain):
+    if best.fit is not None and best.fit.face is None:
+        return  # a coarse pose says nothing of its doubt, given up or not
+    if isinstance(best, Fit) and best.rank >= config.verification.certain:
         return
     prior = config.prior
     position = replace(config.position, nearer=prior.start_nearer, farther=prior.start_farther)
